@@ -1,0 +1,375 @@
+"""The paper's coordinates: where each sits in (q, v), and the chart between angles and ball joints.
+
+Link i has the direction d_i = (cos phi cos psi, sin phi cos psi, sin psi) in the surface frame, with
+u_phi = (-sin phi, cos phi, 0) and u_psi = dd/dpsi. The state (q, v) has no pole; the angles have one at psi = pi/2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, nearest
+
+Array = NDArray[np.float64]
+
+POLE = 1e-6  # cos(psi) below which an azimuth is not read, and M_phi not applied
+OFF_POLE = 0.3  # cos(psi) above which an azimuth goes on smoothly from sample to sample
+BASE_COORDINATES = {"pivot": (), "ski": ("x", "y", "phi0"), "free": ("x", "y", "z")}
+
+
+class State(NamedTuple):
+    """Pinocchio's configuration q (nq,) and velocity v (nv,)."""
+
+    q: Array
+    v: Array
+
+
+@dataclass(frozen=True)
+class SegmentIndex:
+    """Where a massless segment sits: a joint with indices into q and v, or a fixed length."""
+
+    motion: str  # free | fixed | prescribed
+    length: float  # [m], fixed value or start value
+    joint: int = 0  # 0: no joint
+    q: int = -1
+    v: int = -1
+
+
+@dataclass(frozen=True)
+class LinkIndex:
+    """Where a link sits: parent link (-1 is the base), rotation joint, segments."""
+
+    name: str
+    parent: int
+    point: str  # tip | rod_start | rod_end of the parent
+    rod_length: float
+    joint: int
+    q: int  # ball: 4 numbers (x, y, z, w); revolute: 1
+    v: int  # ball: 3 numbers; revolute: 1
+    lower: SegmentIndex
+    upper: SegmentIndex
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One of the paper's coordinates."""
+
+    name: str
+    kind: str  # x y z phi0 phi psi xi
+    link: int  # -1: the base
+    segment: int = 0  # 1 lower, 2 upper, for xi
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All indices of a mechanism. `order` lists the links parents first."""
+
+    base: str
+    plane: bool
+    nq: int
+    nv: int
+    links: tuple[LinkIndex, ...]
+    order: tuple[int, ...]
+    coordinates: tuple[Coordinate, ...]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Coordinate names: `x y phi0`, then link by link `phi1 psi1 xi1_1 xi1_2`."""
+        return tuple(coordinate.name for coordinate in self.coordinates)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Position of each coordinate in `names`."""
+        return {name: i for i, name in enumerate(self.names)}
+
+    @cached_property
+    def base_size(self) -> int:
+        """Velocities of the base: 3 for a ski or a free base (2 in a plane), 0 for a pivot."""
+        return 0 if self.base == "pivot" else 2 if self.base == "free" and self.plane else 3
+
+    def subtree(self, link: int) -> tuple[int, ...]:
+        """Return the link and everything that hangs on it, parents first."""
+        members = {link}
+        for i in self.order:
+            if self.links[i].parent in members:
+                members.add(i)
+        return tuple(i for i in self.order if i in members)
+
+    def path(self, link: int) -> tuple[int, ...]:
+        """Return the links from the base to this one."""
+        path = []
+        while link >= 0:
+            path.append(link)
+            link = self.links[link].parent
+        return tuple(reversed(path))
+
+
+class Kinematics(NamedTuple):
+    """Link frames and rates in the surface frame; leading axes are samples, then links."""
+
+    rotations: Array  # (..., n, 3, 3), R_i, its first column is d_i
+    omegas: Array  # (..., n, 3) [rad/s], absolute
+
+    @property
+    def directions(self) -> Array:
+        """d_i (..., n, 3)."""
+        return self.rotations[..., 0]
+
+    @property
+    def direction_rates(self) -> Array:
+        """d_i' = omega_i x d_i (..., n, 3) [1/s]; free of spin."""
+        return np.cross(self.omegas, self.rotations[..., 0])
+
+
+def kinematics(layout: Layout, q: Array, v: Array) -> Kinematics:
+    """Compose link frames and angular velocities: R_i = R_p R(q_i), omega_i = omega_p + R_i w_i.
+
+    q (..., nq), v (..., nv); needs no Pinocchio.
+    """
+    q, v = np.asarray(q, float), np.asarray(v, float)
+    shape = q.shape[:-1]
+    rotations = np.zeros((*shape, len(layout.links), 3, 3))
+    omegas = np.zeros((*shape, len(layout.links), 3))
+    base_rotation, base_omega = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.zeros((*shape, 3))
+    if layout.base == "ski":
+        norm = np.hypot(q[..., 2], q[..., 3])
+        base_rotation = _about_z(q[..., 2] / norm, q[..., 3] / norm)
+        base_omega = np.stack([np.zeros(shape), np.zeros(shape), v[..., 2]], axis=-1)
+    for i in layout.order:
+        link = layout.links[i]
+        parent_rotation = base_rotation if link.parent < 0 else rotations[..., link.parent, :, :]
+        parent_omega = base_omega if link.parent < 0 else omegas[..., link.parent, :]
+        if layout.plane:
+            angle = q[..., link.q]
+            local, rate = _about_minus_y(np.cos(angle), np.sin(angle)), np.zeros((*shape, 3))
+            rate[..., 1] = -v[..., link.v]
+        else:
+            local, rate = _from_quaternion(q[..., link.q : link.q + 4]), v[..., link.v : link.v + 3]
+        rotations[..., i, :, :] = parent_rotation @ local
+        omegas[..., i, :] = parent_omega + np.einsum("...ij,...j->...i", rotations[..., i, :, :], rate)
+    return Kinematics(rotations, omegas)
+
+
+def read_angles(direction: Sequence[float], reference: tuple[float, float] | None = None) -> tuple[float, float]:
+    """Read (phi, psi) of a direction on the branch nearest to a reference; without one, |psi| <= pi/2 and |phi| <= pi.
+
+    (phi, psi) and (phi + pi, pi - psi), each modulo 2 pi, are the same direction; a link that leans back past the
+    vertical goes on smoothly. Within POLE of the pole the azimuth of the reference is kept.
+    """
+    dx, dy, dz = direction
+    flat = math.hypot(dx, dy)
+    psi = math.atan2(dz, flat)
+    if reference is None:
+        return math.atan2(dy, dx) if flat > 1e-12 else 0.0, psi
+    phi = math.atan2(dy, dx) if flat > 1e-12 else reference[0]
+    best, angles = math.inf, (phi, psi)
+    for candidate_phi, candidate_psi in ((phi, psi), (phi + math.pi, math.pi - psi)):
+        delta_phi = math.remainder(candidate_phi - reference[0], math.tau)
+        delta_psi = math.remainder(candidate_psi - reference[1], math.tau)
+        distance = delta_phi * delta_phi + delta_psi * delta_psi
+        if distance < best:
+            best, angles = distance, (reference[0] + delta_phi, reference[1] + delta_psi)
+    return angles
+
+
+def angle_rates(direction_rate: Sequence[float], phi: float, psi: float) -> tuple[float, float]:
+    """Return (phidot, psidot) of a link: phidot = u_phi . d' / cos psi, psidot = u_psi . d'; phidot is 0 at the pole."""
+    sin_phi, cos_phi, sin_psi, cos_psi = math.sin(phi), math.cos(phi), math.sin(psi), math.cos(psi)
+    rx, ry, rz = direction_rate
+    along = -sin_phi * rx + cos_phi * ry
+    phi_rate = along / cos_psi if abs(cos_psi) > 1e-12 else 0.0
+    return phi_rate, -cos_phi * sin_psi * rx - sin_phi * sin_psi * ry + cos_psi * rz
+
+
+def read_coordinates(layout: Layout, q: Array, v: Array, reference: Array | None = None) -> tuple[Array, Array]:
+    """Read the coordinates and their rates (N,), (N,) of one state, angles on the branch nearest to `reference` (N,)."""
+    motion = kinematics(layout, q, v)
+    return _read_one(layout, q, v, motion.directions, motion.direction_rates, reference)
+
+
+def read_samples(layout: Layout, t: Array, q: Array, v: Array, reference: Array | None = None) -> tuple[Array, Array]:
+    """Read the coordinates and rates (samples, N) of a motion, angles continuous from `reference` (N,) on.
+
+    Off the pole the rates tell how far an angle has gone since the last sample, so that fast turns are counted.
+    """
+    motion = kinematics(layout, q, v)
+    directions, direction_rates = motion.directions, motion.direction_rates
+    values, rates = np.empty((len(q), len(layout.names))), np.empty((len(q), len(layout.names)))
+    for sample in range(len(q)):
+        values[sample], rates[sample] = _read_one(
+            layout, q[sample], v[sample], directions[sample], direction_rates[sample], reference
+        )
+        if sample + 1 < len(q):
+            reference = values[sample] + _advance(layout, values[sample], rates[sample]) * (t[sample + 1] - t[sample])
+    return values, rates
+
+
+def _advance(layout: Layout, values: Array, rates: Array) -> Array:
+    """Rates of the angles that can be trusted to go on: those of links off the pole, and the ski's heading."""
+    trusted = np.zeros(len(values))
+    for at, coordinate in enumerate(layout.coordinates):
+        if coordinate.kind == "phi0":
+            trusted[at] = rates[at]
+        elif coordinate.kind == "psi" and not layout.plane and abs(math.cos(values[at])) > OFF_POLE:
+            trusted[at - 1 : at + 1] = rates[at - 1 : at + 1]
+    return trusted
+
+
+def _read_one(
+    layout: Layout, q: Array, v: Array, directions: Array, direction_rates: Array, reference: Array | None
+) -> tuple[Array, Array]:
+    values, rates = np.zeros(len(layout.names)), np.zeros(len(layout.names))
+    index = layout.index
+    if layout.base == "ski":
+        heading = math.atan2(q[3], q[2])
+        if reference is not None:
+            heading = reference[2] + math.remainder(heading - reference[2], math.tau)
+        cosine, sine = math.cos(heading), math.sin(heading)
+        values[:3] = q[0], q[1], heading
+        rates[:3] = cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]
+    elif layout.base == "free":
+        size = layout.base_size
+        values[:size], rates[:size] = q[:size], v[:size]
+    for i in layout.order:
+        link = layout.links[i]
+        at = index[f"psi{i + 1}"]
+        if layout.plane:
+            parent = index[f"psi{link.parent + 1}"] if link.parent >= 0 else -1
+            values[at] = q[link.q] + (values[parent] if parent >= 0 else 0.0)
+            rates[at] = v[link.v] + (rates[parent] if parent >= 0 else 0.0)
+        else:
+            before = None if reference is None else (reference[at - 1], reference[at])
+            angles = read_angles(directions[i].tolist(), before)
+            values[at - 1 : at + 1] = angles
+            rates[at - 1 : at + 1] = angle_rates(direction_rates[i].tolist(), *angles)
+    for at, coordinate in enumerate(layout.coordinates):
+        if coordinate.kind == "xi":
+            segment = segment_of(layout, coordinate)
+            values[at], rates[at] = q[segment.q], v[segment.v]
+    return values, rates
+
+
+def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[str, float] | None = None) -> State:
+    """Turn the paper's coordinates and rates into (q, v), every link with zero absolute spin.
+
+    Absolute omega_i = phidot cos(psi) u_psi - psidot u_phi; ball velocity R_i^T (omega_i - omega_p).
+    Raises SceneError naming a missing, unknown or non-finite coordinate. Missing rates are 0.
+    """
+    values = _complete(layout, coordinates)
+    speeds = _rates(layout, rates or {})
+    q, v = np.zeros(layout.nq), np.zeros(layout.nv)
+    base_rotation, base_omega = np.eye(3), np.zeros(3)
+    if layout.base == "ski":
+        cosine, sine = math.cos(values["phi0"]), math.sin(values["phi0"])
+        q[:4] = values["x"], values["y"], cosine, sine
+        v[:3] = (
+            cosine * speeds["x"] + sine * speeds["y"],
+            -sine * speeds["x"] + cosine * speeds["y"],
+            speeds["phi0"],
+        )
+        base_rotation, base_omega = _about_z(np.float64(cosine), np.float64(sine)), np.array([0.0, 0.0, v[2]])
+    elif layout.base == "free":
+        for at in range(layout.base_size):
+            q[at], v[at] = values[layout.names[at]], speeds[layout.names[at]]
+    frames, omegas = {-1: base_rotation}, {-1: base_omega}
+    for i in layout.order:
+        link, psi = layout.links[i], values[f"psi{i + 1}"]
+        if layout.plane:
+            parent = f"psi{link.parent + 1}"
+            q[link.q] = psi - (values[parent] if link.parent >= 0 else 0.0)
+            v[link.v] = speeds[f"psi{i + 1}"] - (speeds[parent] if link.parent >= 0 else 0.0)
+            continue
+        phi = values[f"phi{i + 1}"]
+        cos_phi, sin_phi, cos_psi, sin_psi = math.cos(phi), math.sin(phi), math.cos(psi), math.sin(psi)
+        u_phi = np.array([-sin_phi, cos_phi, 0.0])
+        u_psi = np.array([-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi])
+        frames[i] = np.column_stack([[cos_phi * cos_psi, sin_phi * cos_psi, sin_psi], u_phi, u_psi])
+        omegas[i] = speeds[f"phi{i + 1}"] * cos_psi * u_psi - speeds[f"psi{i + 1}"] * u_phi
+        q[link.q : link.q + 4] = _to_quaternion(frames[link.parent].T @ frames[i])
+        v[link.v : link.v + 3] = frames[i].T @ (omegas[i] - omegas[link.parent])
+    for coordinate in layout.coordinates:
+        if coordinate.kind == "xi":
+            segment = segment_of(layout, coordinate)
+            q[segment.q], v[segment.v] = values[coordinate.name], speeds[coordinate.name]
+    return State(q, v)
+
+
+def segment_of(layout: Layout, coordinate: Coordinate) -> SegmentIndex:
+    """Return the segment whose length a xi coordinate is."""
+    link = layout.links[coordinate.link]
+    return link.lower if coordinate.segment == 1 else link.upper
+
+
+def _complete(layout: Layout, coordinates: Mapping[str, float]) -> dict[str, float]:
+    for name in coordinates:
+        if name not in layout.index:
+            raise SceneError(f"unknown coordinate {name!r}; {nearest(name, layout.names)}")
+    missing = [name for name in layout.names if name not in coordinates]
+    if missing:
+        raise SceneError(f"missing coordinates {', '.join(missing)}: a state needs every one of {', '.join(layout.names)}")
+    return {name: _finite(name, coordinates[name]) for name in layout.names}
+
+
+def _rates(layout: Layout, rates: Mapping[str, float]) -> dict[str, float]:
+    speeds = dict.fromkeys(layout.names, 0.0)
+    for name, value in rates.items():
+        coordinate = name.removesuffix("_dot")
+        if coordinate == name or coordinate not in speeds:
+            raise SceneError(f"unknown rate {name!r}; {nearest(name, [f'{known}_dot' for known in layout.names])}")
+        speeds[coordinate] = _finite(name, value)
+    return speeds
+
+
+def _finite(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise SceneError(f"{name} = {value!r}: must be a number") from None
+    if not math.isfinite(number):
+        raise SceneError(f"{name} = {number}: must be finite")
+    return number
+
+
+def _about_z(cosine: Array | np.float64, sine: Array | np.float64) -> Array:
+    zero, one = np.zeros_like(cosine), np.ones_like(cosine)
+    rows = [cosine, -sine, zero, sine, cosine, zero, zero, zero, one]
+    return np.stack(rows, axis=-1).reshape(*np.shape(cosine), 3, 3)
+
+
+def _about_minus_y(cosine: Array, sine: Array) -> Array:
+    zero, one = np.zeros_like(cosine), np.ones_like(cosine)
+    rows = [cosine, zero, -sine, zero, one, zero, sine, zero, cosine]
+    return np.stack(rows, axis=-1).reshape(*np.shape(cosine), 3, 3)
+
+
+def _from_quaternion(quaternion: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) in the order x, y, z, w, of any norm."""
+    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
+        2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
+        2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return np.stack(rows, axis=-1).reshape(*quaternion.shape[:-1], 3, 3)
+
+
+def _to_quaternion(rotation: Array) -> Array:
+    """Quaternion (x, y, z, w) of a rotation matrix, by its largest component."""
+    r = rotation
+    products = np.array(
+        [
+            [1 + r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
+            [r[0, 1] + r[1, 0], 1 - r[0, 0] + r[1, 1] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
+            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 - r[0, 0] - r[1, 1] + r[2, 2], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + r[0, 0] + r[1, 1] + r[2, 2]],
+        ]
+    )
+    column = products[:, int(np.argmax(np.diag(products)))]
+    return column / math.sqrt(float(column @ column))

@@ -1,0 +1,421 @@
+"""The right-hand side: accelerations under forces, with known accelerations eliminated exactly.
+
+    M(q) vdot + h(q, v) = tau + J^T lambda + B u
+
+lambda: reactions of ideal rows J vdot = gamma; u: controls of a programme. A known acceleration (a prescribed segment's, and
+the ski's sideways one, which the knife edge keeps at zero) has its row and column replaced by the identity; the force that
+keeps it is (M vdot + h - tau) of that row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from vlmb.constrained import SIDEWAYS, ConstrainedSystem
+from vlmb.constraints import RowInfo
+from vlmb.coordinates import Layout, State, read_angles, read_coordinates, segment_of
+from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError, nearest
+from vlmb.expressions import Law, time_law
+from vlmb.forces import Actuation, Control, View
+from vlmb.frames import LinkFrames
+from vlmb.mechanism import Mechanism
+from vlmb.scene import Run
+from vlmb.springs import apply_springs, direction_springs, spring_matrix
+
+Array = NDArray[np.float64]
+Rhs = Callable[[float, Array], Array]
+
+KNIFE_EDGES = ("reduction", "multiplier", "projection")
+ROUTES = ("recursive", "dense")
+HUGE = 1e200  # a squared acceleration beyond this is no number to go on with
+RECURSIVE_LINKS = 24  # longer chains take the dense route: aba loses digits on them (benchmarks/results/rhs_cost.md)
+RECURSIVE_ON_SKI = 12  # shorter ones on a ski too: it asks aba twice
+
+
+class Prescribed(NamedTuple):
+    """A segment whose length follows a law; `force` is the name of the force that results."""
+
+    name: str
+    force: str
+    q: int
+    v: int
+    law: Law
+
+
+class Evaluation(NamedTuple):
+    """One instant: accelerations and every force by name."""
+
+    vdot: Array
+    tau: Array  # (nv,) springs, dampers, applied forces and controls
+    controls: dict[str, float]  # applied forces, controls of the programme, forces of prescribed segments
+    knife_edge: float | None  # [N], positive to the ski's left
+    reactions: dict[str, float]  # multipliers of the ideal rows, by equation
+    residuals: dict[str, tuple[float, float]]  # z and z' of every row, by equation
+    powers: dict[str, float]  # rates of the work states [W]
+
+
+class Dynamics:
+    """Right-hand side of y = (q, v, work). Holds buffers: one thread at a time."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        knife_edge: str = "reduction",
+        gain: float = 0.0,
+        control: Control | None = None,
+        start: State | None = None,
+        route: str | None = None,
+        run: Run | None = None,
+    ) -> None:
+        for key, value, allowed in (("knife_edge", knife_edge, KNIFE_EDGES), ("route", route or "dense", ROUTES)):
+            if value not in allowed:
+                raise SceneError(f"{key} = {value!r}: no such {key}; {nearest(value, allowed)}")
+        layout = mechanism.layout
+        self.mechanism, self.layout = mechanism, layout
+        self.nq, self.nv = layout.nq, layout.nv
+        self.knife_edge = knife_edge if layout.base == "ski" else "none"
+        self.gain = gain  # [1/s] Baumgarte: z'' + 2 gain z' + gain^2 z = 0; velocity rows z'' + gain z' = 0
+        springs, self.preload, damped = spring_matrix(mechanism)
+        self.direction_springs = direction_springs(mechanism)
+        self.damped = damped or any(spring.damping for spring in self.direction_springs)
+        self.prescribed = prescribed_segments(mechanism)
+        self.known = [at.v for at in self.prescribed] + ([SIDEWAYS] if self.knife_edge == "reduction" else [])
+        self.frames = LinkFrames(mechanism)
+        view = None if control is None or start is None else View(mechanism, 0.0, start.q, start.v, None)
+        self.actuation = Actuation(mechanism, self.frames, control, view)
+        held = self.knife_edge in ("multiplier", "projection")
+        self.system = ConstrainedSystem(mechanism, self.frames, run or mechanism.scene.run, held, gain)
+        self.reference: list[float] = [0.0] * len(layout.names)  # coordinates of the last accepted sample
+        rows = self.system.rows
+        self.lost = 0.0  # power in the direction dampers [W]
+        self.evaluations = 0
+        programme = self.system.programme
+        names = list(programme.names) if programme else []
+        names += [channel.name for channel in self.actuation.channels] + [at.force for at in self.prescribed]
+        self.work_names = (*dict.fromkeys(names), *(("dissipation",) if self.damped else ()))
+        self.size = self.nq + self.nv + len(self.work_names)
+        self.springs = np.zeros((self.nv, self.size))
+        self.springs[:, : self.nq + self.nv] = springs
+        springs_alone = not (
+            self.actuation.channels or self.direction_springs or self.prescribed or self.damped or rows is not None
+        )
+        if route is None:
+            fewest = {"none": 0, "reduction": RECURSIVE_ON_SKI}.get(self.knife_edge, RECURSIVE_LINKS + 1)
+            light = springs_alone and fewest <= len(layout.links) <= RECURSIVE_LINKS
+            route = "recursive" if light else "dense"
+        if route == "recursive" and not (springs_alone and self.knife_edge in ("none", "reduction")):
+            raise SceneError("the recursive route serves undamped springs and the reduced knife edge only; use 'dense'")
+        self.route = route
+        self.rhs: Rhs = self._recursive() if route == "recursive" else self._dense()
+
+    def pack(self, state: State) -> Array:
+        """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""
+        y = np.concatenate([state.q, state.v, np.zeros(len(self.work_names))])
+        if self.knife_edge == "reduction":
+            y[self.nq + SIDEWAYS] = 0.0
+        return y
+
+    def unpack(self, t: float, y: Array) -> State:
+        """Return the state of y as the dynamics see it: normalized, prescribed segments exact, velocity on the knife edge."""
+        state = State(pin.normalize(self.mechanism.model, y[: self.nq]), np.array(y[self.nq : self.nq + self.nv]))
+        for at in self.prescribed:
+            state.q[at.q], state.v[at.v], _ = at.law.jet(t)
+        if self.knife_edge == "reduction":
+            state.v[SIDEWAYS] = 0.0
+        elif self.knife_edge == "projection":
+            self._project(state.q, state.v)
+        return state
+
+    def accept(self, t: float, y: Array) -> None:
+        """Take an accepted sample as the reference of the branches of angles."""
+        if not self.reads_angles:
+            return
+        if self.system.programme is not None:
+            self.rhs(t, y)
+            self.system.programme.accept()
+        q, v = self.unpack(t, y)
+        rows = self.system.rows
+        if rows is None or self.actuation.channels:
+            self.reference = read_coordinates(self.layout, q, v, np.array(self.reference))[0].tolist()
+            return
+        pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD)
+        if self.layout.base == "ski":
+            near = self.reference[2]
+            self.reference[2] = near + math.remainder(math.atan2(q[3], q[2]) - near, math.tau)
+        for i, places in rows.motion.links.items():  # azimuth and elevation together: a branch is a pair
+            at = places.at
+            self.reference[at - 1 : at + 1] = read_angles(self.frames.direction(i), (self.reference[at - 1], self.reference[at]))
+
+    def evaluate(self, t: float, y: Array) -> Evaluation:
+        """Return accelerations and forces of one instant, all from one inverse-dynamics pass over the motion."""
+        rates = self.rhs(t, y)
+        vdot = np.array(rates[self.nq : self.nq + self.nv])
+        powers = dict(zip(self.work_names, rates[self.nq + self.nv :].tolist(), strict=True))
+        q, v = self.unpack(t, y)
+        model, data = self.mechanism.model, self.mechanism.data
+        pin.crba(model, data, q, pin.Convention.WORLD)
+        tau = self.springs.dot(np.concatenate([q, v, y[self.nq + self.nv :]])) + self.preload
+        self._add_forces(t, q, v, tau)
+        controls: dict[str, float] = {}
+        for channel, value in zip(self.actuation.channels, self.actuation.values.tolist(), strict=True):
+            controls[channel.name] = controls.get(channel.name, 0.0) + value
+        system, residuals, reactions = self.system, {}, {}
+        ideal = np.zeros(self.nv)
+        if system.rows is not None:
+            values = system.rows.evaluate(t, q, v, self.reference)
+            texts, pairs = [row.text for row in system.info], zip(values.z.tolist(), values.rate.tolist(), strict=True)
+            residuals = dict(zip(texts, pairs, strict=False))
+            multipliers = system.multipliers[system.held :]
+            shares = [self._per_angle(row) for row in system.info[: system.ideal]]
+            reactions = dict(zip(texts, (multipliers * shares).tolist(), strict=False))
+            ideal = multipliers @ values.jacobian[: system.ideal]
+        if system.programme is not None:
+            tau += system.controls @ system.write_columns(self.reference)
+            for name, value in zip(system.programme.names, system.controls.tolist(), strict=True):
+                controls[name] = controls.get(name, 0.0) + value
+        missing = pin.rnea(model, data, q, v, vdot) - tau - ideal
+        controls |= {at.force: float(missing[at.v]) for at in self.prescribed}
+        edge = float(missing[SIDEWAYS]) if self.layout.base == "ski" else None
+        return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers)
+
+    def _per_angle(self, row: RowInfo) -> float:
+        """What turns the multiplier of an azimuth row's regular form into the moment [N m] on the angle of its equation."""
+        share = 1.0
+        for name in row.azimuths or ():
+            if name != "phi0":
+                share *= math.cos(self.reference[self.layout.index[name] + 1])
+        return share
+
+    def is_holonomic(self, text: str) -> bool:
+        """Whether a row, by its equation, is one of positions."""
+        return any(row.holonomic for row in self.system.info if row.text == text)
+
+    def _add_forces(self, t: float, q: Array, v: Array, tau: Array) -> None:
+        if self.direction_springs:
+            self.lost = apply_springs(self.direction_springs, self.frames, v, tau)
+        if self.actuation.channels:
+            self.actuation.add(t, q, v, tau, self.reference)
+
+    def _project(self, q: Array, v: Array) -> None:
+        """Subtract M^-1 e_y v_y / (M^-1)_yy: the velocity nearest in kinetic energy that obeys the knife edge."""
+        mass = np.asfortranarray(pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD))
+        unit = np.zeros(self.nv)
+        unit[SIDEWAYS] = 1.0
+        for k in self.known:
+            mass[k], mass[:, k] = 0.0, 0.0
+            mass[k, k] = 1.0
+        _, answer, info = lapack.dposv(mass, unit, overwrite_a=1)
+        if info:
+            raise self.singular(q)
+        v -= answer * (v[SIDEWAYS] / answer[SIDEWAYS])
+        v[SIDEWAYS] = 0.0
+
+    def _recursive(self) -> Rhs:
+        """ABA in LOCAL convention; the knife edge by a second call, since vdot is affine in the sideways force."""
+        model, data, nq, end = self.mechanism.model, self.mechanism.data, self.nq, self.nq + self.nv
+        aba, normalize, product, local = pin.aba, pin.normalize, pin.tangentMapProduct, pin.Convention.LOCAL
+        springs, preload, tau, dy = self.springs, self.preload, np.zeros(self.nv), np.zeros(self.size)
+        qdot, vdot = dy[:nq], dy[nq:end]
+        sliding = self.knife_edge == "reduction"
+
+        def rhs(t: float, y: Array) -> Array:
+            self.evaluations += 1
+            raw, v = y[:nq], y[nq:end]
+            q = normalize(model, raw)
+            springs.dot(y, tau)
+            np.add(tau, preload, tau)
+            vdot[:] = aba(model, data, q, v, tau, local)
+            if sliding:
+                tau[SIDEWAYS] += 1.0
+                unit = aba(model, data, q, v, tau, local)
+                unit -= vdot
+                unit *= vdot[SIDEWAYS] / unit[SIDEWAYS]
+                np.subtract(vdot, unit, vdot)
+                vdot[SIDEWAYS] = 0.0
+            if not vdot.dot(vdot) < HUGE:
+                raise self.not_finite(q, v, tau)
+            qdot[:] = product(model, raw, v)
+            if sliding:
+                norm = math.hypot(y.item(2), y.item(3))
+                dy[0] /= norm
+                dy[1] /= norm
+            return dy
+
+        return rhs
+
+    def _dense(self) -> Rhs:
+        """CRBA, nonlinear effects and a LAPACK Cholesky in place.
+
+        The tangent map is linear in a quaternion, so the raw one brings its norm along; the ski's x and y lose it again.
+        """
+        model, data, nq, end = self.mechanism.model, self.mechanism.data, self.nq, self.nq + self.nv
+        crba, nle, normalize, world = pin.crba, pin.nonLinearEffects, pin.normalize, pin.Convention.WORLD
+        product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
+        springs, preload, tau, dy = self.springs, self.preload, np.zeros(self.nv), np.zeros(self.size)
+        qdot, vdot, accelerations = dy[:nq], dy[nq:end], np.zeros(self.nv)
+        known, prescribed = self.known, self.prescribed
+        flat, (crossed, identity) = mass.ravel(order="K"), self._cross(known)
+        forced = bool(self.direction_springs or self.actuation.channels)
+        on_ski, projecting = self.layout.base == "ski", self.knife_edge == "projection"
+        constrained, system = self.system.needed, self.system
+        rows, working, powers = np.zeros((len(prescribed), self.nv)), bool(self.work_names), self._powers()
+
+        def rhs(t: float, y: Array) -> Array:
+            self.evaluations += 1
+            raw, v = y[:nq], y[nq:end]
+            q = normalize(model, raw)
+            if prescribed or projecting:
+                v = v.copy()
+                for at in prescribed:
+                    q[at.q], v[at.v], accelerations[at.v] = at.law.jet(t)
+                if projecting:
+                    self._project(q, v)
+                    y = np.concatenate([raw, v, y[end:]])
+            springs.dot(y, tau)
+            np.add(tau, preload, tau)
+            crba(model, data, q, world)
+            if forced:
+                self._add_forces(t, q, v, tau)
+            b = nle(model, data, q, v)
+            np.subtract(tau, b, b)
+            missing = b
+            if prescribed:
+                missing = -b
+                for row, at in enumerate(prescribed):
+                    rows[row] = mass[at.v]
+                b -= mass.dot(accelerations)
+            for k in known:
+                b[k] = accelerations[k]
+            if known:
+                flat[crossed] = identity
+            if constrained:
+                answer = system.solve(t, q, v, b, known, self.reference)
+                if answer is None:
+                    raise self.singular(q)
+                if prescribed:
+                    missing -= system.generalized()
+            else:
+                _, answer, info = dposv(mass, b, overwrite_a=1, overwrite_b=1)
+                if info:
+                    raise self.singular(q)
+            if not answer.dot(answer) < HUGE:
+                raise self.not_finite(q, v, tau)
+            qdot[:] = product(model, raw, v)
+            vdot[:] = answer
+            if on_ski:
+                norm = math.hypot(y.item(2), y.item(3))
+                dy[0] /= norm
+                dy[1] /= norm
+            if working:
+                powers(v, vdot, rows, missing, dy)
+            return dy
+
+        return rhs
+
+    def _cross(self, known: list[int]) -> tuple[NDArray[np.intp], Array]:
+        """Flat indices of the rows and columns of known velocities in a column-major M, and the identity's entries there."""
+        identity, crossed = np.eye(self.nv), np.zeros((self.nv, self.nv), dtype=bool)
+        crossed[known], crossed[:, known] = True, True
+        indices = np.flatnonzero(crossed.ravel(order="F"))
+        return indices, identity.ravel(order="F")[indices]
+
+    def _powers(self) -> Callable[[Array, Array, Array, Array, Array], None]:
+        """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""
+        names, start, actuation = self.work_names, self.nq + self.nv, self.actuation
+        dampers = -np.diag(self.springs[:, self.nq : start]).copy()
+        slots = [start + names.index(channel.name) for channel in actuation.channels]
+        system = self.system
+        controlled = len(system.controls)  # their work states come first
+        driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
+
+        def powers(v: Array, vdot: Array, rows: Array, missing: Array, dy: Array) -> None:
+            dy[start:] = 0.0
+            if controlled:
+                dy[start : start + controlled] = system.columns.dot(v) * system.controls
+            if slots:
+                for slot, value, rate in zip(slots, actuation.values, actuation.columns.dot(v), strict=True):
+                    dy[slot] += value * rate
+            for row, (slot, at) in enumerate(driven):
+                dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]
+            if self.damped:
+                dy[-1] = dampers.dot(v * v) + self.lost
+
+        return powers
+
+    @property
+    def reads_angles(self) -> bool:
+        """Whether forces need the branch of an angle, and so the last accepted sample."""
+        angular = any(channel.kind in ("phi", "psi") for channel in self.actuation.channels)
+        return self.system.rows is not None or self.actuation.control is not None or (angular and not self.layout.plane)
+
+    def conditioning(self, q: Array) -> tuple[float, list[str]]:
+        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion."""
+        mass = np.array(pin.crba(self.mechanism.model, self.mechanism.data, pin.normalize(self.mechanism.model, q)))
+        if not np.isfinite(mass).all():
+            return math.inf, ["every coordinate"]
+        scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))
+        values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
+        motion, names = np.abs(vectors[:, 0]), velocity_names(self.layout)
+        weakest = [names[k] for k in np.argsort(-motion)[:4] if motion[k] > 0.1 * motion.max()]
+        condition = float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
+        return condition, list(dict.fromkeys(weakest))
+
+    def singular(self, q: Array) -> SingularError:
+        """Name the motion without inertia at a configuration."""
+        condition, weakest = self.conditioning(q)
+        return SingularError(
+            f"the mass matrix is singular (condition {condition:.1e}): {', '.join(weakest)} can move without inertia. "
+            f"{' '.join(self.mechanism.warnings)}".rstrip()
+        )
+
+    def not_finite(self, q: Array, v: Array, tau: Array) -> VlmbError:
+        """Say which quantity is not finite."""
+        names = velocity_names(self.layout)
+        for what, values in (("force", tau), ("velocity", v)):
+            bad = [names[k] for k in np.flatnonzero(~np.isfinite(values))]
+            if bad:
+                return SimulationError(f"the {what} of {', '.join(bad)} is not finite")
+        if not np.isfinite(q).all():
+            return SimulationError("the configuration is not finite")
+        if self.conditioning(q)[0] < 1e12:
+            worst = int(np.argmax(np.abs(tau)))
+            where = f"the largest force, {tau[worst]:.3g}, is on {names[worst]}"
+            return SimulationError(f"accelerations are no longer finite: {where}")
+        return self.singular(q)
+
+
+def prescribed_segments(mechanism: Mechanism) -> tuple[Prescribed, ...]:
+    """Collect the prescribed segments and their laws."""
+    found = []
+    for coordinate in mechanism.layout.coordinates:
+        if coordinate.kind == "xi":
+            at = segment_of(mechanism.layout, coordinate)
+            if at.motion == "prescribed":
+                side = "lower" if coordinate.segment == 1 else "upper"
+                text = mechanism.scene.links[coordinate.link].segment(coordinate.segment).law
+                law = time_law(0.0 if text is None else text, mechanism.scene.parameters, f"links[{coordinate.link}].{side}.law")
+                force = f"F{coordinate.link + 1}_{coordinate.segment}"
+                found.append(Prescribed(coordinate.name, force, at.q, at.v, law))
+    return tuple(found)
+
+
+def velocity_names(layout: Layout) -> list[str]:
+    """Name every velocity of v for messages."""
+    names = [""] * layout.nv
+    base = ("forward", "sideways", "yaw") if layout.base == "ski" else ("x", "y", "z")
+    for k in range(layout.base_size):
+        names[k] = f"base {base[k]}"
+    for i, link in enumerate(layout.links):
+        for k in range(1 if layout.plane else 3):
+            names[link.v + k] = f"hinge of {link.name}"
+        for which, segment in ((1, link.lower), (2, link.upper)):
+            if segment.joint:
+                names[segment.v] = f"xi{i + 1}_{which} of {link.name}"
+    return names

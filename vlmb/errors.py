@@ -1,0 +1,40 @@
+"""Every error vlmb raises: what was found, where, what is allowed and what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class VlmbError(ValueError):
+    """Base of every error vlmb raises on purpose."""
+
+
+class SceneError(VlmbError):
+    """A scene has a key, value or combination that is not allowed."""
+
+
+class ExpressionError(SceneError):
+    """An expression in a scene cannot be read, or has no finite value."""
+
+
+class SingularError(VlmbError):
+    """Equations cannot be solved: a singular mass matrix, dependent rows, a generalized force at its pole."""
+
+
+class SimulationError(VlmbError):
+    """A motion cannot be continued: a non-finite value, a step that collapses."""
+
+
+class TrajectoryError(VlmbError):
+    """A stored trajectory cannot be read, or does not have what is asked of it."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Say which valid names come nearest to a wrong one, or list the valid ones when none is near."""
+    names = [str(entry) for entry in valid]
+    close = difflib.get_close_matches(str(name), names, n=3, cutoff=0.5)
+    if close:
+        return "did you mean " + " or ".join(repr(entry) for entry in close) + "?"
+    shown = ", ".join(names[:40]) + (f", ... ({len(names)} in all)" if len(names) > 40 else "")
+    return f"valid names: {shown or 'none'}"

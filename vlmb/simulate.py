@@ -1,0 +1,226 @@
+"""One run: from a scene to a trajectory. What was computed is returned, whatever stops it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.dynamics import Dynamics, prescribed_segments
+from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
+from vlmb.events import Watch
+from vlmb.expressions import law_breaks, law_jump
+from vlmb.forces import Control
+from vlmb.integrate import Rhs, find_method
+from vlmb.mechanism import Mechanism, build
+from vlmb.scene import DEFAULT_STEP, Run, Scene, load_scene
+from vlmb.start import Start, consistent_start, limits_of
+from vlmb.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
+INSIDE = 1e-12  # relative distance kept from a break of a law
+SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
+TURN = 1.0  # [rad] no link turns further between two looks at its angles
+
+
+def simulate(
+    scene: Scene | Mechanism | str | Path,
+    duration: float | None = None,
+    method: str | None = None,
+    rtol: float | None = None,
+    knife_edge: str | None = None,
+    t_eval: Sequence[float] | Array | None = None,
+    control: Control | None = None,
+    *,
+    atol: float | None = None,
+    step: float | None = None,
+    gain: float | None = None,
+    route: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Simulate a scene; arguments override its `[run]`, None means what the scene says.
+
+    Parameters
+    ----------
+    scene : a Scene, a mechanism built from one, or the path of a scene file
+    t_eval : (N,) [s], ascending in [0, duration]; default: evenly spaced
+    control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name
+    step : [s] of fixed-step methods
+    gain : [1/s] Baumgarte gain of the knife edge as a multiplier
+    progress : called with the time reached, sample by sample
+
+    Returns a Trajectory, also for a run that stops early: its `message` says why.
+    Raises SceneError (a VlmbError) for what is wrong before the run.
+    """
+    if isinstance(scene, (str, Path)):
+        scene = load_scene(scene)
+    mechanism = scene if isinstance(scene, Mechanism) else build(scene)
+    run = run_options(
+        mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain
+    )
+    start = consistent_start(mechanism)
+    reference = np.array([start.coordinates[name] for name in mechanism.layout.names])
+    dynamics = Dynamics(mechanism, run.knife_edge, run.gain, control, start.state, route, run)
+    dynamics.reference = reference.tolist()
+    times = _sample_times(run, t_eval)
+    breaks = _breaks(dynamics, run.duration)
+    began = time.perf_counter()
+    with np.errstate(all="ignore"):  # what is not finite is found and named
+        recorded, status, message, steps = _march(dynamics, run, dynamics.pack(start.state), times, breaks, progress)
+    stats = {
+        "wall_time": time.perf_counter() - began,
+        "rhs_evaluations": dynamics.evaluations,
+        "steps": steps,
+        "route": dynamics.route,
+    }
+    return Trajectory.from_run(dynamics, run, start, recorded, status, message, stats)
+
+
+def run_options(scene: Scene, **changes: Any) -> Run:
+    """Return the scene's `[run]` with arguments put over it (None: as in the scene), checked like a scene file's."""
+    given = {key: value for key, value in changes.items() if value is not None}
+    given = {key: float(value) if isinstance(value, (np.floating, np.integer)) else value for key, value in given.items()}
+    return Scene.from_dict({**scene.to_dict(), "run": {**msgspec.to_builtins(scene.run), **given}}, "arguments").run
+
+
+def check(scene: Scene) -> tuple[Mechanism, Start]:
+    """Do everything that comes before a run; raise what a run would."""
+    mechanism = build(scene)
+    start = consistent_start(mechanism)
+    dynamics = Dynamics(mechanism, scene.run.knife_edge, scene.run.gain)
+    _breaks(dynamics, scene.run.duration)
+    dynamics.rhs(0.0, dynamics.pack(start.state))
+    if dynamics.conditioning(start.state.q)[0] > SINGULAR:
+        raise dynamics.singular(start.state.q)
+    return mechanism, start
+
+
+def _march(
+    dynamics: Dynamics, run: Run, y: Array, times: Array, breaks: tuple[float, ...], progress: Callable[[float], None] | None
+) -> tuple[list[tuple[float, Array]], str, str, int]:
+    """Advance through all samples, from break to break; return what was recorded, a status, a sentence and the steps."""
+    method = find_method(run.method)
+    watch = Watch(dynamics, run.fall, run.rtol, run.atol)
+    watch.refuse_start(y)
+    timed = bool(dynamics.actuation.channels or dynamics.prescribed)
+    wanted = set(times.tolist())
+    recorded: list[tuple[float, Array]] = []
+    t, steps = 0.0, 0
+    last = float(times[-1])
+    if 0.0 in wanted:
+        recorded.append((0.0, y.copy()))
+    ends = [*(b for b in breaks if b < last), last] if last > 0.0 else []
+    driver = None
+    try:
+        for end in ends:
+            if driver is not None:
+                steps += driver.steps
+            rhs = _between(dynamics.rhs, t, end, last) if timed else dynamics.rhs
+            driver = method.make(
+                rhs, t, y, end, rtol=run.rtol, atol=run.atol, step_size=run.step or DEFAULT_STEP, hard_end=timed
+            )
+            for target in [*times[(times > t) & (times < end)].tolist(), end]:
+                for stop in _looks(dynamics, run, t, y, target):
+                    before = (t, y)
+                    y = driver.advance(stop)
+                    t = stop
+                    if not np.isfinite(y).all():
+                        raise SimulationError("the state is no longer finite")
+                    event = watch.between(*before, t, y)
+                    if event is not None:
+                        when, sentence = event
+                        recorded.append((when, watch.state_at(*before, when)))
+                        return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps + driver.steps
+                    dynamics.accept(t, y)
+                if t in wanted:
+                    recorded.append((t, y.copy()))
+                if progress is not None:
+                    progress(t)
+    except VlmbError as error:
+        if not recorded:
+            recorded.append((t, y.copy()))
+        why = "" if isinstance(error, SingularError) else _why(dynamics, y)
+        sentence = f"failed at t = {t:.6g} s: {error}{why}"
+        return recorded, "failed", sentence, steps + (driver.steps if driver is not None else 0)
+    except KeyboardInterrupt:
+        recorded = recorded or [(t, y.copy())]
+        steps += driver.steps if driver is not None else 0
+        return recorded, "interrupted", f"interrupted at t = {t:.6g} s; the part so far is kept.", steps
+    return recorded, "finished", f"finished at t = {last:.6g} s.", steps + (driver.steps if driver is not None else 0)
+
+
+def _between(rhs: Rhs, start: float, end: float, last: float) -> Rhs:
+    """Keep the time of a right-hand side inside two breaks: no law is asked for its other side, nor beyond the last time."""
+    low = start + INSIDE * start
+    high = end if end == last else end - INSIDE * end
+    return lambda t, y: rhs(min(max(t, low), high), y)
+
+
+def _why(dynamics: Dynamics, y: Array) -> str:
+    """Add what the mass matrix says about a place where a run failed."""
+    condition, names = dynamics.conditioning(y[: dynamics.nq])
+    if condition > 1e10:
+        weak = ", ".join(names)
+        return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
+    return ""
+
+
+def _looks(dynamics: Dynamics, run: Run, t: float, y: Array, target: float) -> list[float]:
+    """Split the way to a sample so that no event is passed over, and no angle lost track of where forces depend on it."""
+    rate = run.samples
+    if dynamics.reads_angles:
+        rate = max(rate, float(np.abs(y[dynamics.nq : dynamics.nq + dynamics.nv]).max(initial=0.0)) / TURN)
+    parts = max(1, min(100_000, int(np.ceil((target - t) * rate - 1e-9))))
+    if parts == 1:
+        return [target]
+    return np.linspace(t, target, parts + 1)[1:].tolist()
+
+
+def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:
+    if run.duration * run.samples > MAX_SAMPLES:
+        many = f"run.duration = {run.duration:g} s at run.samples = {run.samples:g} per second"
+        raise SceneError(f"{many}: at most {MAX_SAMPLES} samples")
+    if t_eval is None:
+        return np.linspace(0.0, run.duration, max(MIN_SAMPLES, int(np.ceil(run.duration * run.samples))) + 1)
+    try:
+        times = np.array(t_eval, dtype=float)
+    except (TypeError, ValueError):
+        raise SceneError(f"t_eval = {t_eval!r}: must be a list of times [s]") from None
+    if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
+        raise SceneError("t_eval: must be a non-empty list of finite times [s]")
+    if (np.diff(times) <= 0.0).any() or times[0] < 0.0 or times[-1] > run.duration * (1 + 1e-12):
+        raise SceneError(f"t_eval: times must ascend within [0, {run.duration:g}] s")
+    return times
+
+
+def _breaks(dynamics: Dynamics, duration: float) -> tuple[float, ...]:
+    """Times at which a law is not smooth; SceneError where a prescribed length jumps, or leaves its limits."""
+    mechanism = dynamics.mechanism
+    breaks: set[float] = set()
+    for law in dynamics.actuation.laws:
+        breaks |= set(law_breaks(law, 0.0, duration))
+    coordinates = {c.name: c for c in mechanism.layout.coordinates}
+    for at in prescribed_segments(mechanism):
+        for t in law_breaks(at.law, 0.0, duration):
+            value, rate = law_jump(at.law, t)
+            if abs(value) > 1e-7 or abs(rate) > 1e-4:
+                raise SceneError(
+                    f"{at.name}: the law {at.law.text!r} is not smooth enough at t = {t:.6g} s (length jumps by {value:.3g} m, "
+                    f"its rate by {rate:.3g} m/s): a prescribed length needs a continuous rate"
+                )
+            breaks.add(t)
+        low, high = limits_of(mechanism, coordinates[at.name].link, coordinates[at.name].segment)
+        for t in np.linspace(0.0, duration, 1001).tolist():
+            length = at.law.value(t)
+            if not low <= length <= high:
+                raise SceneError(
+                    f"{at.name}: the law {at.law.text!r} gives {length:.6g} m at t = {t:.6g} s, outside [{low:g}, {high:g}]"
+                )
+    return tuple(sorted(breaks))

@@ -1,0 +1,279 @@
+"""The start: what the user gave is kept, the rest follows, and what had to be repaired is reported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.constraints import Rows, RowValues
+from vlmb.coordinates import Layout, State, segment_of
+from vlmb.dynamics import prescribed_segments
+from vlmb.errors import SceneError, SimulationError, SingularError, nearest
+from vlmb.frames import LinkFrames
+from vlmb.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+HELD = 1e-9  # a residual below this counts as zero
+ITERATIONS, NUDGE = 60, 1e-6
+LEAN = 0.3  # [rad] where the search begins for a link whose azimuth matters and whose elevation is not given
+
+
+class Start(NamedTuple):
+    """A consistent start: the state, all coordinates and rates by name, and what was repaired."""
+
+    state: State
+    coordinates: dict[str, float]
+    rates: dict[str, float]
+    repairs: tuple[str, ...]
+
+
+def consistent_start(mechanism: Mechanism) -> Start:
+    """Complete and repair the scene's `[start]`.
+
+    Unset: phi 0, psi pi/2, xi the segment's length, rates 0, then moved as little as needed for the constraints and the
+    programme to hold. Ideal constraints must hold: where they cannot, given values are repaired too. A programme may start
+    with an error, which then decays. Raises SceneError for unknown names, values on a prescribed segment, lengths outside
+    their limits, and constraints that no posture meets.
+    """
+    layout, given = mechanism.layout, mechanism.scene.start
+    _refuse_unknown(mechanism)
+    coordinates: dict[str, float] = {}
+    for coordinate in layout.coordinates:
+        if coordinate.kind == "xi":
+            default = segment_of(layout, coordinate).length
+        else:
+            default = math.pi / 2 if coordinate.kind == "psi" else 0.0
+        coordinates[coordinate.name] = given.get(coordinate.name, default)
+    rates = {f"{name}_dot": given.get(f"{name}_dot", 0.0) for name in layout.names}
+    for at in prescribed_segments(mechanism):
+        coordinates[at.name], rates[f"{at.name}_dot"], _ = at.law.jet(0.0)
+    _refuse_outside_limits(mechanism, coordinates)
+    sets = row_sets(mechanism)
+    _share_azimuths(mechanism, coordinates)
+    repairs = _meet_positions(mechanism, coordinates, sets)
+    repairs += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
+    repairs += _meet_rates(mechanism, coordinates, rates, sets)
+    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs))
+
+
+def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
+    """Give an unset azimuth the value of the one an ideal row equates it with: at the pole the row alone cannot."""
+    given = mechanism.scene.start
+    for text in mechanism.scene.constraints:
+        pair = [side.strip() for side in text.split("=")]
+        if len(pair) == 2 and all(name.startswith("phi") and name in coordinates for name in pair):
+            for name, other in (pair, reversed(pair)):
+                if name not in given and other in given:
+                    coordinates[name] = coordinates[other]
+
+
+def row_sets(mechanism: Mechanism) -> list[tuple[Rows, bool]]:
+    """Return the scene's rows and whether they are ideal."""
+    scene, frames = mechanism.scene, LinkFrames(mechanism)
+    sets = []
+    if scene.constraints:
+        texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
+        sets.append((Rows(mechanism, frames, texts), True))
+    if scene.programme:
+        texts = [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(scene.programme.constraints)]
+        sets.append((Rows(mechanism, frames, texts), False))
+    return sets
+
+
+def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
+    """Evaluate rows at a posture given by names, at t = 0."""
+    q, v = mechanism.state(coordinates, rates)
+    pin.crba(mechanism.model, mechanism.data, q, pin.Convention.WORLD)
+    return rows.evaluate(0.0, q, v, [coordinates[name] for name in mechanism.layout.names])
+
+
+def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> list[str]:
+    """Solve the holonomic rows for the coordinates that were not given; then, for ideal rows, for all."""
+    if not any(rows.holonomic.any() for rows, _ in sets):
+        return []
+    followed = {at.name for at in prescribed_segments(mechanism)}
+    names = [name for name in mechanism.layout.names if name not in followed]
+    unset = [name for name in names if name not in mechanism.scene.start]
+    before = dict(coordinates)
+
+    def residual(chosen: list[tuple[Rows, bool]]) -> Array:
+        parts = [row_values(mechanism, rows, coordinates, {}).z[rows.holonomic] for rows, _ in chosen]
+        return np.concatenate(parts)
+
+    try:
+        residual(sets)
+    except SingularError:
+        for name in unset:  # an azimuth needs a link off the pole
+            if name.startswith("psi"):
+                coordinates[name] -= LEAN
+    for free in ([name for name in unset if name not in "xyz"], unset):  # the place moves only if nothing else can
+        if free and np.abs(residual(sets)).max() > HELD:
+            _solve(mechanism, coordinates, free, lambda: residual(sets))
+    ideal = [entry for entry in sets if entry[1]]
+    if ideal and np.abs(residual(ideal)).max(initial=0.0) > HELD:
+        _solve(mechanism, coordinates, names, lambda: residual(ideal))
+        error = np.abs(residual(ideal))
+        if error.max() > HELD:
+            texts = [text for rows, _ in ideal for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+            raise SceneError(
+                f"start: no posture near it meets the constraint {texts[int(error.argmax())]!r} (error {error.max():.3g}); "
+                "give a start nearer to it, or change the constraint"
+            )
+    repairs = [
+        _moved(name, coordinates[name], None if name in unset else before[name])
+        for name in names
+        if abs(coordinates[name] - before[name]) > HELD
+    ]
+    servo = [entry for entry in sets if not entry[1]]
+    if servo:
+        error = np.abs(residual(servo))
+        texts = [text for rows, _ in servo for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+        off = [(text, e) for text, e in zip(texts, error, strict=True) if e > HELD]
+        repairs += [f"start: {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+    return repairs
+
+
+def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str], residual: Callable[[], Array]) -> None:
+    """Move named coordinates as little as needed to make a residual zero: Gauss-Newton of least norm, shortened where needed."""
+    bounds = {c.name: limits_of(mechanism, c.link, c.segment) for c in mechanism.layout.coordinates if c.kind == "xi"}
+
+    def at(point: Array) -> Array:
+        for name, value in zip(names, point.tolist(), strict=True):
+            low, high = bounds.get(name, (-math.inf, math.inf))
+            coordinates[name] = min(max(value, low), high)
+        try:
+            return residual()
+        except (SingularError, SimulationError):
+            return error * 10.0
+
+    point = np.array([coordinates[name] for name in names])
+    error = residual()
+    for _ in range(ITERATIONS):
+        size = float(np.linalg.norm(error))
+        if size < 1e-14:
+            break
+        matrix = np.column_stack([(at(point + h) - at(point - h)) / (2.0 * NUDGE) for h in NUDGE * np.eye(len(names))])
+        step = np.linalg.lstsq(matrix, -error, rcond=1e-8)[0]
+        for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+            trial = at(point + share * step)
+            if np.linalg.norm(trial) < size:
+                point, error = np.array([coordinates[name] for name in names]), trial
+                break
+        else:
+            break
+    at(point)
+
+
+def _meet_rates(
+    mechanism: Mechanism, coordinates: dict[str, float], rates: dict[str, float], sets: list[tuple[Rows, bool]]
+) -> list[str]:
+    """Solve z' = 0, affine in the rates, for those not given; then, for ideal rows, for all."""
+    if not sets:
+        return []
+    layout, given = mechanism.layout, mechanism.scene.start
+    followed = {f"{at.name}_dot" for at in prescribed_segments(mechanism)}
+    names = [name for name in rates if name not in followed and not (layout.base == "ski" and name in ("x_dot", "y_dot"))]
+    speed_given = any(name in given for name in ("speed", "x_dot", "y_dot"))
+    if layout.base == "ski":
+        names = ["speed", *names]
+    unset = [name for name in names if name not in given and not (name == "speed" and speed_given)]
+    before = dict(rates)
+    cosine, sine = (math.cos(coordinates["phi0"]), math.sin(coordinates["phi0"])) if layout.base == "ski" else (0.0, 0.0)
+
+    def moved(changes: dict[str, float]) -> dict[str, float]:
+        result = dict(rates)
+        for name, change in changes.items():
+            if name == "speed":
+                result["x_dot"] += change * cosine
+                result["y_dot"] += change * sine
+            else:
+                result[name] += change
+        return result
+
+    def residual(chosen: list[tuple[Rows, bool]], changes: dict[str, float]) -> Array:
+        return np.concatenate([row_values(mechanism, rows, coordinates, moved(changes)).rate for rows, _ in chosen])
+
+    for chosen, free in ((sets, unset), ([entry for entry in sets if entry[1]], names)):
+        if not chosen or not free:
+            continue
+        error = residual(chosen, {})
+        if np.abs(error).max(initial=0.0) <= HELD:
+            continue
+        matrix = np.column_stack([residual(chosen, {name: 1.0}) - error for name in free])
+        change = -np.linalg.lstsq(matrix, error, rcond=1e-10)[0]
+        rates.update(moved(dict(zip(free, change.tolist(), strict=True))))
+    ideal = [entry for entry in sets if entry[1]]
+    if ideal and np.abs(residual(ideal, {})).max() > 1e-7:
+        texts = [text for rows, _ in ideal for text in rows.texts]
+        errors = np.abs(residual(ideal, {}))
+        worst = " and ".join(repr(text) for text, e in zip(texts, errors, strict=True) if e > 0.1 * errors.max())
+        raise SceneError(f"start: no rates meet the constraint {worst} at this posture; give other start values")
+    repairs = [
+        _moved(name, rates[name], before[name] if name in given else None)
+        for name in rates
+        if abs(rates[name] - before[name]) > HELD
+    ]
+    for rows, is_ideal in sets:
+        if not is_ideal:
+            values = row_values(mechanism, rows, coordinates, rates).rate
+            off = [(text, e) for text, e in zip(rows.texts, values, strict=True) if abs(e) > HELD]
+            repairs += [f"start: the rate of {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+    return repairs
+
+
+def _moved(name: str, value: float, given: float | None) -> str:
+    return f"start: {name} = {value:.9g} so that the equations hold" + ("" if given is None else f" (given: {given:.9g})")
+
+
+def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rates: dict[str, float]) -> list[str]:
+    """Make x_dot and y_dot obey the knife edge: one given determines the other, two are projected on the heading."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    both = "x_dot" in given and "y_dot" in given
+    speed = given.get("speed", cosine * rates["x_dot"] + sine * rates["y_dot"])
+    if "speed" not in given and not both:
+        for name, share in (("x_dot", cosine), ("y_dot", sine)):
+            if name in given and given[name] != 0.0:
+                if abs(share) < 1e-12:
+                    raise SceneError(f"start.{name} = {given[name]}: the ski's heading leaves no motion this way; give speed")
+                speed = given[name] / share
+    rates["x_dot"], rates["y_dot"] = speed * cosine, speed * sine
+    sideways = cosine * given.get("y_dot", 0.0) - sine * given.get("x_dot", 0.0)
+    if both and abs(sideways) > 1e-12 * max(1.0, abs(speed)):
+        return [f"sideways velocity {sideways:.6g} m/s of the ski removed; it moves along itself at {speed:.6g} m/s"]
+    return []
+
+
+def _refuse_unknown(mechanism: Mechanism) -> None:
+    layout, given = mechanism.layout, mechanism.scene.start
+    valid = [*layout.names, *(f"{name}_dot" for name in layout.names), *(("speed",) if layout.base == "ski" else ())]
+    followed = {at.name for at in prescribed_segments(mechanism)}
+    for name in given:
+        if name not in valid:
+            hint = " (with plane = true a link has no azimuth)" if layout.plane and name.startswith("phi") else ""
+            raise SceneError(f"start.{name}: no such coordinate in this scene{hint}; {nearest(name, valid)}")
+        if name.removesuffix("_dot") in followed:
+            raise SceneError(f"start.{name}: this segment follows its law; remove the start value")
+    if "speed" in given and ("x_dot" in given or "y_dot" in given):
+        raise SceneError("start.speed: give either speed or x_dot and y_dot, not both")
+
+
+def _refuse_outside_limits(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
+    for coordinate in mechanism.layout.coordinates:
+        if coordinate.kind == "xi":
+            low, high = limits_of(mechanism, coordinate.link, coordinate.segment)
+            if not low <= coordinates[coordinate.name] <= high:
+                raise SceneError(
+                    f"start.{coordinate.name} = {coordinates[coordinate.name]:g} m is outside its limits [{low:g}, {high:g}]; "
+                    "change it, or the segment's `limits`"
+                )
+
+
+def limits_of(mechanism: Mechanism, link: int, segment: int) -> tuple[float, float]:
+    """Limits [m] of a segment; (0, inf) unless the scene says otherwise."""
+    return mechanism.scene.links[link].segment(segment).limits or (0.0, math.inf)

@@ -1,0 +1,56 @@
+"""Files of a run: arrays and a note in one npz, columns as csv. Reading a file never runs anything in it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import TrajectoryError
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+
+
+def write_arrays(path: Path, note: Mapping[str, Any], arrays: Mapping[str, Array]) -> Path:
+    """Write named arrays and a note of plain data."""
+    text = json.dumps({"format": FORMAT, **note})
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, note=np.array(text), **arrays)
+    return path
+
+
+def read_arrays(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Read what `write_arrays` wrote. Raises TrajectoryError for a file that is missing, damaged or foreign."""
+    try:
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            note = json.loads(str(file["note"]))
+            if not isinstance(note, dict):
+                raise TrajectoryError(f"{path}: not a trajectory of vlmb: its note is no table")
+            arrays = {name: np.asarray(file[name], dtype=float) for name in names}
+        if note["format"] != FORMAT:
+            raise TrajectoryError(f"{path}: format {note['format']}; this version reads format {FORMAT}")
+    except FileNotFoundError:
+        raise TrajectoryError(f"{path}: no such file") from None
+    except TrajectoryError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
+    return note, arrays
+
+
+def write_columns(path: Path, columns: Mapping[str, Array]) -> Path:
+    """Write named columns (N,) with a header."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+    return path

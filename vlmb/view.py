@@ -1,0 +1,238 @@
+"""The view: a posture or a motion in the browser, as one HTML file, as stills, as an animated GIF, in a notebook.
+
+`play(trajectory)` opens a browser; `export_html(trajectory, "run.html")` writes one file to send.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import errno
+import html
+import io
+import os
+import sys
+import threading
+import webbrowser
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vlmb.errors import VlmbError
+from vlmb.mechanism import Mechanism
+from vlmb.page import page
+from vlmb.scene import load_scene
+from vlmb.scenery import Scenery, of_state, of_trajectory
+from vlmb.simulate import check
+from vlmb.stills import animation, frames, still
+from vlmb.trajectory import Trajectory, load_trajectory
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+FPS = 60.0
+
+
+class View:
+    """A page that this process serves to browsers of this machine until `close`; in a notebook it shows itself."""
+
+    def __init__(self, text: str, port: int = 0) -> None:
+        content = text.encode("utf-8")
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                found = self.path.split("?")[0] in ("/", "/index.html")
+                self.send_response(200 if found else 404)
+                self.send_header("Content-Type", "text/html; charset=utf-8")
+                self.send_header("Content-Length", str(len(content) if found else 0))
+                self.end_headers()
+                if found:
+                    self.wfile.write(content)
+
+            def log_message(self, *_: Any) -> None:
+                pass
+
+        try:
+            self.server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        except (OSError, OverflowError) as error:
+            busy = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
+            why = "is in use by another program" if busy else f"cannot be opened ({error})"
+            raise VlmbError(f"port {port} {why}: choose another, or 0 for any free one") from None
+        self.server.daemon_threads = True
+        self.text, self.url = text, f"http://127.0.0.1:{self.server.server_address[1]}/"
+        self.thread = threading.Thread(target=self.server.serve_forever, daemon=True)
+        self.thread.start()
+
+    def open(self) -> View:
+        """Open a browser on the page. Raises VlmbError where none can be opened."""
+        hint = "write a file with export_html (--html), a picture with --png, or serve only with --no-browser"
+        if not has_display():
+            raise VlmbError(f"there is no display here to open a browser on: {hint}")
+        try:
+            opened = webbrowser.open(self.url)
+        except webbrowser.Error:
+            opened = False
+        if not opened:
+            raise VlmbError(f"no browser could be opened: {hint}, or open {self.url} yourself")
+        return self
+
+    def wait(self) -> None:
+        """Serve until the user presses Ctrl-C."""
+        try:
+            self.thread.join()
+        except KeyboardInterrupt:
+            self.close()
+
+    def close(self) -> None:
+        """Stop serving; a page that is open stays as it is."""
+        self.server.shutdown()
+        self.server.server_close()
+
+    def _repr_html_(self) -> str:
+        return frame_html(self.text)
+
+
+def show(
+    mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: bool = False, browser: bool | None = None, port: int = 0
+) -> View:
+    """Show a posture (default: the start of the scene) in a browser; a notebook shows the returned view itself.
+
+    Raises VlmbError when meshcat is not installed, the port is in use, or no browser can be opened.
+    """
+    return _view(page(posture(mechanism, state, arrows)), browser, port)
+
+
+def play(
+    trajectory: Trajectory, speed: float = 1.0, fps: float = FPS, arrows: bool = False, programme: Any = None,
+    browser: bool | None = None, port: int = 0,
+) -> View:  # fmt: skip
+    """Play a motion in a browser in real time, with pause, speed and scrubbing; `programme` (n, 2) [m] is drawn dashed.
+
+    Raises VlmbError as `show` does.
+    """
+    return _view(page(of_trajectory(trajectory, fps, arrows, programme), speed), browser, port)
+
+
+def export_html(
+    what: Trajectory | Mechanism, path: str | Path, fps: float = FPS, speed: float = 1.0, arrows: bool = False,
+    programme: Any = None,
+) -> Path:  # fmt: skip
+    """Write one HTML file that plays a motion (or shows a start posture) anywhere, without a connection."""
+    made = of_trajectory(what, fps, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
+    Path(path).write_text(page(made, speed), encoding="utf-8")
+    return Path(path)
+
+
+def picture(
+    what: Trajectory | Mechanism, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
+    arrows: bool = False, programme: Any = None, since: float | None = None, view_from: tuple[float, float, float] | None = None,
+) -> Image:  # fmt: skip
+    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture. No screen."""
+    made = of_trajectory(what, FPS, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
+    if isinstance(what, Trajectory) and time is not None and not what.t[0] <= time <= what.t[-1]:
+        raise VlmbError(f"time {time:g} s: the motion lasts from {what.t[0]:g} to {what.t[-1]:g} s")
+    return still(made, time, size, ghosts, since, view_from)
+
+
+def posture(mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: bool = False) -> Scenery:
+    """Return the scenery of a posture; without a state, of the start of the scene."""
+    if state is None:
+        mechanism, start = check(mechanism.scene)
+        state = start.state
+    return of_state(mechanism, state, arrows)
+
+
+def trajectory_html(trajectory: Trajectory, height: int = 300) -> str:
+    """Return what a notebook shows of a trajectory: a picture of it and its summary."""
+    made = of_trajectory(trajectory, 30.0)
+    return _card(made, trajectory.summary(), 5 if trajectory.mechanism.layout.base != "pivot" else 0, height)
+
+
+def mechanism_html(mechanism: Mechanism, height: int = 300) -> str:
+    """Return what a notebook shows of a mechanism: its start posture, its coordinates, what was left out."""
+    lines = [f"{mechanism.scene.name}: {mechanism.scene.base.kind} base, {len(mechanism.scene.links)} links",
+             f"coordinates  {' '.join(mechanism.coordinate_names)}"]  # fmt: skip
+    lines += [f"left out     {entry}" for entry in mechanism.left_out] + [f"warning      {entry}" for entry in mechanism.warnings]
+    return _card(posture(mechanism), "\n".join(lines), 0, height)
+
+
+def frame_html(text: str, height: int = 480) -> str:
+    """Put a page into a frame of a notebook."""
+    escaped = text.replace("&", "&amp;").replace('"', "&quot;")
+    return f'<iframe srcdoc="{escaped}" style="width: 100%; height: {height}px; border: none"></iframe>'
+
+
+def has_display() -> bool:
+    """Say whether a browser window could appear (text browsers do not count)."""
+    if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the arguments of `vlmb view`."""
+    parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file (.toml): its start; stored run (.npz): its motion")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write one self-contained page instead of opening a browser")
+    parser.add_argument("--png", type=Path, metavar="FILE", help="write a still")
+    parser.add_argument("--time", type=float, metavar="T", help="[s] of the still (default: the end)")
+    parser.add_argument("--ghosts", type=int, default=0, metavar="N", help="earlier postures in the still, paler")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
+    parser.add_argument("--frames", type=Path, metavar="DIR", help="write one PNG a frame, for a film")
+    parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and GIF")
+    parser.add_argument("--fps", type=float, help="frames a second (default: 60 in the page, 30 of --frames, 20 in a GIF)")
+    parser.add_argument("--speed", type=float, default=1.0, help="times real time (default: 1)")
+    parser.add_argument("--arrows", action="store_true", help="draw gravity and the edge force")
+    parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
+    parser.add_argument("--port", type=int, default=0, help="of the page on this machine (default: any free one)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what `vlmb view` was asked for."""
+    for name, value in (("--speed", args.speed), ("--fps", args.fps), *(("--size", side) for side in args.size or ())):
+        if value is not None and not 0.0 < value < 1e5:
+            raise VlmbError(f"{name} {value:g}: must be positive")
+    what = load_trajectory(args.what) if Path(args.what).suffix == ".npz" else check(load_scene(args.what))[0]
+
+    def made(fps: float) -> Scenery:
+        return of_trajectory(what, fps, args.arrows) if isinstance(what, Trajectory) else posture(what, None, args.arrows)
+
+    size: dict[str, Any] = {"size": tuple(args.size)} if args.size else {}
+    written: list[Path] = []
+    if args.png:
+        picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size).save(args.png)
+        written.append(args.png)
+    if args.gif:
+        written.append(animation(made((args.fps or 20.0) / args.speed), args.gif, fps=args.fps or 20.0, speed=args.speed, **size))
+    if args.frames:
+        written += frames(made(args.fps or 30.0), args.frames, fps=args.fps or 30.0, **size)[:1]
+    if args.html:
+        args.html.write_text(page(made(args.fps or FPS), args.speed), encoding="utf-8")
+        written.append(args.html)
+    if written:
+        print("wrote " + ", ".join(str(path) for path in written) + (", ..." if args.frames else ""))
+        return 0
+    view = _view(page(made(args.fps or FPS), args.speed), not args.no_browser, args.port)
+    print(f"{view.url} (Ctrl-C ends)", flush=True)
+    view.wait()
+    return 0
+
+
+def _view(text: str, browser: bool | None, port: int) -> View:
+    view = View(text, port)
+    try:
+        return view.open() if ("ipykernel" not in sys.modules if browser is None else browser) else view
+    except VlmbError:
+        view.close()
+        raise
+
+
+def _card(made: Scenery, text: str, ghosts: int, height: int) -> str:
+    shown = ""
+    try:
+        buffer = io.BytesIO()
+        still(made, size=(height * 8 // 5, height), ghosts=ghosts).save(buffer, "PNG")
+        data = base64.b64encode(buffer.getvalue()).decode("ascii")
+        shown = f'<img alt="{html.escape(made.name, quote=True)}" src="data:image/png;base64,{data}">'
+    except VlmbError:
+        pass  # without pillow the text must do
+    return f"<div>{shown}<pre>{html.escape(text)}</pre></div>"
