@@ -194,20 +194,22 @@ def read_coordinates(layout: Layout, q: Array, v: Array, reference: Array | None
     return _read_one(layout, q, v, motion.directions, motion.direction_rates, reference)
 
 
-def read_samples(layout: Layout, t: Array, q: Array, v: Array, reference: Array | None = None) -> tuple[Array, Array]:
-    """Read the coordinates and rates (samples, N) of a motion, angles continuous from `reference` (N,) on.
+def read_samples(layout: Layout, t: Array, q: Array, v: Array, reference: Array) -> tuple[Array, Array]:
+    """Read the coordinates and rates (samples, N) of a motion.
 
-    Off the pole the rates tell how far an angle has gone since the last sample, so that fast turns are counted.
+    Angles are read on the branch nearest to their row of `reference` (samples, N); after a single row (1, N) they go on
+    continuously. Off the pole the rates tell how far an angle has gone since the last sample, so that fast turns are counted.
     """
     motion = kinematics(layout, q, v)
     directions, direction_rates = motion.directions, motion.direction_rates
     values, rates = np.empty((len(q), len(layout.names))), np.empty((len(q), len(layout.names)))
+    near = reference[0]
     for sample in range(len(q)):
-        values[sample], rates[sample] = _read_one(
-            layout, q[sample], v[sample], directions[sample], direction_rates[sample], reference
-        )
+        if len(reference) > 1:
+            near = reference[sample]
+        values[sample], rates[sample] = _read_one(layout, q[sample], v[sample], directions[sample], direction_rates[sample], near)
         if sample + 1 < len(q):
-            reference = values[sample] + _advance(layout, values[sample], rates[sample]) * (t[sample + 1] - t[sample])
+            near = values[sample] + _advance(layout, values[sample], rates[sample]) * (t[sample + 1] - t[sample])
     return values, rates
 
 

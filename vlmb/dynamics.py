@@ -20,7 +20,7 @@ from scipy.linalg import lapack
 
 from vlmb.constrained import SIDEWAYS, ConstrainedSystem
 from vlmb.constraints import RowInfo
-from vlmb.coordinates import Layout, State, read_angles, read_coordinates, segment_of
+from vlmb.coordinates import Layout, State, read_angles, segment_of
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError, nearest
 from vlmb.expressions import Law, time_law
 from vlmb.forces import Actuation, Control, View
@@ -34,6 +34,9 @@ Rhs = Callable[[float, Array], Array]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
 ROUTES = ("recursive", "dense")
+TURN = 0.5  # [rad] an azimuth turns no further between two references
+ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
+TINY = 1e-300
 HUGE = 1e200  # a squared acceleration beyond this is no number to go on with
 RECURSIVE_LINKS = 24  # longer chains take the dense route: aba loses digits on them (benchmarks/results/rhs_cost.md)
 RECURSIVE_ON_SKI = 12  # shorter ones on a ski too: it asks aba twice
@@ -94,6 +97,7 @@ class Dynamics:
         self.system = ConstrainedSystem(mechanism, self.frames, run or mechanism.scene.run, held, gain)
         self.reference: list[float] = [0.0] * len(layout.names)  # coordinates of the last accepted sample
         rows = self.system.rows
+        self.angled = self._angled()
         self.lost = 0.0  # power in the direction dampers [W]
         self.evaluations = 0
         programme = self.system.programme
@@ -133,25 +137,30 @@ class Dynamics:
             self._project(state.q, state.v)
         return state
 
-    def accept(self, t: float, y: Array) -> None:
-        """Take an accepted sample as the reference of the branches of angles."""
+    def accept(self, t: float, y: Array) -> float:
+        """Take a state as the reference of the branches of angles; return the time [s] for which forces may rely on it.
+
+        Near the pole an azimuth swings round within the time that the link needs for its distance from there.
+        """
         if not self.reads_angles:
-            return
+            return math.inf
         if self.system.programme is not None:
             self.rhs(t, y)
             self.system.programme.accept()
-        q, v = self.unpack(t, y)
-        rows = self.system.rows
-        if rows is None or self.actuation.channels:
-            self.reference = read_coordinates(self.layout, q, v, np.array(self.reference))[0].tolist()
-            return
-        pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD)
+        (q, v), reference, time = self.unpack(t, y), self.reference, math.inf
         if self.layout.base == "ski":
-            near = self.reference[2]
-            self.reference[2] = near + math.remainder(math.atan2(q[3], q[2]) - near, math.tau)
-        for i, places in rows.motion.links.items():  # azimuth and elevation together: a branch is a pair
-            at = places.at
-            self.reference[at - 1 : at + 1] = read_angles(self.frames.direction(i), (self.reference[at - 1], self.reference[at]))
+            reference[2] += math.remainder(math.atan2(q[3], q[2]) - reference[2], math.tau)
+        if self.layout.plane:
+            return time
+        pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD)
+        for i, omega in enumerate(self.frames.all_omegas(v)[: len(self.layout.links)]):
+            at = self.layout.index[f"psi{i + 1}"]
+            direction = self.frames.direction(i)
+            reference[at - 1 : at + 1] = read_angles(direction, (reference[at - 1], reference[at]))
+            if i in self.angled:
+                off_pole = max(math.hypot(direction[0], direction[1]), ON_POLE)
+                time = min(time, TURN * off_pole / max(math.hypot(*omega), TINY))
+        return time
 
     def evaluate(self, t: float, y: Array) -> Evaluation:
         """Return accelerations and forces of one instant, all from one inverse-dynamics pass over the motion."""
@@ -354,6 +363,16 @@ class Dynamics:
         """Whether forces need the branch of an angle, and so the last accepted sample."""
         angular = any(channel.kind in ("phi", "psi") for channel in self.actuation.channels)
         return self.system.rows is not None or self.actuation.control is not None or (angular and not self.layout.plane)
+
+    def _angled(self) -> set[int]:
+        """Links whose azimuth or elevation a force or an equation goes by; one that equates two azimuths has a regular form."""
+        if self.actuation.control is not None:
+            return set(range(len(self.layout.links)))
+        rows = [row for row in self.system.rows.info if not row.azimuths] if self.system.rows else []
+        read = {name.removesuffix("_dot") for row in rows for name in row.names}
+        acting = {*self.actuation.channels, *(self.system.programme.channels if self.system.programme else ())}
+        found = {channel.link for channel in acting if channel.kind in ("phi", "psi")}
+        return found | {c.link for c in self.layout.coordinates if c.kind in ("phi", "psi") and c.name in read}
 
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
         """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion."""

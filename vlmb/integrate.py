@@ -32,6 +32,11 @@ class Driver(Protocol):
         """Accepted steps so far."""
         ...
 
+    @property
+    def step(self) -> float:
+        """Length [s] of the next step."""
+        ...
+
     def advance(self, t: float) -> Array:
         """Return y(t); t never decreases. Raises SimulationError where the motion cannot be continued."""
         ...
@@ -83,22 +88,22 @@ def gauss(rhs: Rhs, t: float, y: Array, h: float) -> Array:
 class FixedStep:
     """Equal steps from the start to the end, the last one on it; cubic Hermite values between them."""
 
-    def __init__(self, step: Callable[..., Array], rhs: Rhs, t: float, y: Array, end: float, size: float) -> None:
-        self.step, self.rhs, self.t, self.y = step, rhs, t, np.array(y)
+    def __init__(self, scheme: Callable[..., Array], rhs: Rhs, t: float, y: Array, end: float, size: float) -> None:
+        self.scheme, self.rhs, self.t, self.y = scheme, rhs, t, np.array(y)
         self.start, self.steps = t, 0
         self.count = max(1, round((end - t) / size)) if end > t else 1
         if abs(self.count * size - (end - t)) > 1e-9 * size:
             self.count = int(np.ceil((end - t) / size))
-        self.size = (end - t) / self.count
+        self.step = (end - t) / self.count
         self.previous = (t, self.y)
 
     def advance(self, t: float) -> Array:
         """Step until t is reached, then interpolate."""
-        while self.t < t - 1e-12 * self.size and self.steps < self.count:
+        while self.t < t - 1e-12 * self.step and self.steps < self.count:
             self.previous = (self.t, self.y)
-            self.y = self.step(self.rhs, self.t, self.y, self.size)
+            self.y = self.scheme(self.rhs, self.t, self.y, self.step)
             self.steps += 1
-            self.t = self.start + self.steps * self.size
+            self.t = self.start + self.steps * self.step
             if not np.isfinite(self.y).all():
                 raise SimulationError("the state is no longer finite: the step is too large for this motion; reduce `step`")
         if abs(t - self.t) <= 1e-12 * max(1.0, abs(t)):
@@ -174,6 +179,11 @@ class Multistep:
         """Accepted steps: VODE's counter NST."""
         return int(self.solver._integrator.iwork[10])
 
+    @property
+    def step(self) -> float:
+        """Length [s] of the next step: VODE's HCUR."""
+        return float(self.solver._integrator.rwork[11])
+
     def advance(self, t: float) -> Array:
         """Let VODE pass t and interpolate; a step that passed a hard end is not used."""
         while self.hard_end and not self.passed and self.reached < t:
@@ -218,6 +228,11 @@ class OneStep:
             self.error, self.tried = error, True
             return self.nothing
 
+    @property
+    def step(self) -> float:
+        """Length [s] of the next step."""
+        return float(self.solver.h_abs)
+
     def advance(self, t: float) -> Array:
         """Step until t is reached, then interpolate."""
         limit = self.steps + MAX_STEPS
@@ -240,9 +255,9 @@ class OneStep:
 STUCK = "the steps became too small to go on: the motion is too stiff, or singular, here"
 
 
-def _fixed(step: Callable[..., Array]) -> Callable[..., Driver]:
+def _fixed(scheme: Callable[..., Array]) -> Callable[..., Driver]:
     def make(rhs: Rhs, t: float, y: Array, end: float, *, step_size: float, **_: Any) -> Driver:
-        return FixedStep(step, rhs, t, y, end, step_size)
+        return FixedStep(scheme, rhs, t, y, end, step_size)
 
     return make
 

@@ -16,18 +16,20 @@ from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.events import Watch
 from vlmb.expressions import law_breaks, law_jump
 from vlmb.forces import Control
-from vlmb.integrate import Rhs, find_method
+from vlmb.integrate import Driver, Rhs, find_method, short_run
 from vlmb.mechanism import Mechanism, build
 from vlmb.scene import DEFAULT_STEP, Run, Scene, load_scene
 from vlmb.start import Start, consistent_start, limits_of
-from vlmb.trajectory import Trajectory
+from vlmb.trajectory import Sample, Trajectory
 
 Array = NDArray[np.float64]
 
 MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
 INSIDE = 1e-12  # relative distance kept from a break of a law
 SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
-TURN = 1.0  # [rad] no link turns further between two looks at its angles
+LOOKS = 60.0  # [1/s] looks at events and angles; at times of their own, so that the choice of samples changes no motion
+CLOSEST = 1e-7  # [s] between two looks
+SAME = 1e-9  # [s] a sample this near to a look is one
 
 
 def simulate(
@@ -104,56 +106,70 @@ def check(scene: Scene) -> tuple[Mechanism, Start]:
 
 def _march(
     dynamics: Dynamics, run: Run, y: Array, times: Array, breaks: tuple[float, ...], progress: Callable[[float], None] | None
-) -> tuple[list[tuple[float, Array]], str, str, int]:
+) -> tuple[list[Sample], str, str, int]:
     """Advance through all samples, from break to break; return what was recorded, a status, a sentence and the steps."""
     method = find_method(run.method)
     watch = Watch(dynamics, run.fall, run.rtol, run.atol)
     watch.refuse_start(y)
     timed = bool(dynamics.actuation.channels or dynamics.prescribed)
     wanted = set(times.tolist())
-    recorded: list[tuple[float, Array]] = []
-    t, steps = 0.0, 0
+    recorded: list[Sample] = []
+
+    def record(t: float, y: Array) -> None:
+        recorded.append(Sample(t, y.copy(), np.array(dynamics.reference)))
+
+    t, step, steps, earlier = 0.0, 0.0, 0, 0
+    size = run.step or DEFAULT_STEP
     last = float(times[-1])
     if 0.0 in wanted:
-        recorded.append((0.0, y.copy()))
+        record(0.0, y)
     ends = [*(b for b in breaks if b < last), last] if last > 0.0 else []
-    driver = None
+    driver: Driver | None
     try:
         for end in ends:
-            if driver is not None:
-                steps += driver.steps
             rhs = _between(dynamics.rhs, t, end, last) if timed else dynamics.rhs
-            driver = method.make(
-                rhs, t, y, end, rtol=run.rtol, atol=run.atol, step_size=run.step or DEFAULT_STEP, hard_end=timed
-            )
+            driver = None
+            room = max(CLOSEST, dynamics.accept(t, y))
+            look = t + min(1.0 / LOOKS, room)
             for target in [*times[(times > t) & (times < end)].tolist(), end]:
-                for stop in _looks(dynamics, run, t, y, target):
-                    before = (t, y)
-                    y = driver.advance(stop)
+                while t < target:
+                    before, stop = (t, y), look if look < target - SAME else target
+                    if method.adaptive and room < 2.0 * step:  # a step could pass over the swing of an azimuth
+                        driver = None
+                        y = short_run(rhs, t, y, stop, run.rtol, run.atol)
+                        steps += 1
+                    else:
+                        if driver is None:
+                            driver = method.make(rhs, t, y, end, rtol=run.rtol, atol=run.atol, step_size=size, hard_end=timed)
+                            earlier = steps
+                        y = driver.advance(stop)
+                        step, steps = driver.step, earlier + driver.steps
                     t = stop
                     if not np.isfinite(y).all():
                         raise SimulationError("the state is no longer finite")
                     event = watch.between(*before, t, y)
                     if event is not None:
                         when, sentence = event
-                        recorded.append((when, watch.state_at(*before, when)))
-                        return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps + driver.steps
-                    dynamics.accept(t, y)
+                        record(when, watch.state_at(*before, when))
+                        return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps
+                    if t >= min(look, end) - SAME:
+                        room = max(CLOSEST, dynamics.accept(t, y))
+                        look += min(1.0 / LOOKS, room)
                 if t in wanted:
-                    recorded.append((t, y.copy()))
+                    record(t, y)
                 if progress is not None:
                     progress(t)
     except VlmbError as error:
         if not recorded:
-            recorded.append((t, y.copy()))
+            record(t, y)
         why = "" if isinstance(error, SingularError) else _why(dynamics, y)
         sentence = f"failed at t = {t:.6g} s: {error}{why}"
-        return recorded, "failed", sentence, steps + (driver.steps if driver is not None else 0)
+        return recorded, "failed", sentence, steps
     except KeyboardInterrupt:
-        recorded = recorded or [(t, y.copy())]
-        steps += driver.steps if driver is not None else 0
+        if not recorded:
+            record(t, y)
         return recorded, "interrupted", f"interrupted at t = {t:.6g} s; the part so far is kept.", steps
-    return recorded, "finished", f"finished at t = {last:.6g} s.", steps + (driver.steps if driver is not None else 0)
+    return recorded, "finished", f"finished at t = {last:.6g} s.", steps
 
 
 def _between(rhs: Rhs, start: float, end: float, last: float) -> Rhs:
@@ -170,17 +186,6 @@ def _why(dynamics: Dynamics, y: Array) -> str:
         weak = ", ".join(names)
         return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
     return ""
-
-
-def _looks(dynamics: Dynamics, run: Run, t: float, y: Array, target: float) -> list[float]:
-    """Split the way to a sample so that no event is passed over, and no angle lost track of where forces depend on it."""
-    rate = run.samples
-    if dynamics.reads_angles:
-        rate = max(rate, float(np.abs(y[dynamics.nq : dynamics.nq + dynamics.nv]).max(initial=0.0)) / TURN)
-    parts = max(1, min(100_000, int(np.ceil((target - t) * rate - 1e-9))))
-    if parts == 1:
-        return [target]
-    return np.linspace(t, target, parts + 1)[1:].tolist()
 
 
 def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:

@@ -42,6 +42,14 @@ class Residual(NamedTuple):
     velocity: Array
 
 
+class Sample(NamedTuple):
+    """An instant of a run: y = (q, v, work), and the coordinates whose branches of angles the forces went by."""
+
+    t: float
+    y: Array
+    reference: Array
+
+
 class _Named(Mapping[str, Any]):
     """A mapping whose values are computed at the first look, and whose missing names are explained."""
 
@@ -81,7 +89,7 @@ class Trajectory:
     work: Array
     asked: Array  # (N, S) [N, N m] forces a control callable returned
     asked_names: tuple[str, ...]
-    reference: Array  # coordinates at the start: the branch angles are read on
+    reference: Array  # (1, N) coordinates at the start, or (samples, N): the branches angles are read on
     run: Run
     status: str  # finished | stopped | failed | interrupted
     message: str
@@ -91,20 +99,22 @@ class Trajectory:
 
     @staticmethod
     def from_run(
-        dynamics: Dynamics, run: Run, start: Start, recorded: list[tuple[float, Array]], status: str, message: str, stats: Any
+        dynamics: Dynamics, run: Run, start: Start, recorded: list[Sample], status: str, message: str, stats: Any
     ) -> Trajectory:
-        """Turn recorded (t, y) into a trajectory."""
+        """Turn recorded samples into a trajectory."""
         mechanism = dynamics.mechanism
-        states = [dynamics.unpack(t, y) for t, y in recorded]
-        t, q, v = np.array([t for t, _ in recorded]), np.array([s.q for s in states]), np.array([s.v for s in states])
-        reference = np.array([start.coordinates[name] for name in mechanism.layout.names])
+        states = [dynamics.unpack(now.t, now.y) for now in recorded]
+        t, q, v = np.array([now.t for now in recorded]), np.array([s.q for s in states]), np.array([s.v for s in states])
+        reference = np.array([[start.coordinates[name] for name in mechanism.layout.names]])
+        if dynamics.reads_angles:
+            reference = np.array([now.reference for now in recorded])
         asked_names = tuple(dynamics.actuation.asked)
         asked = np.zeros((len(t), len(asked_names)))
         if asked_names and dynamics.actuation.control is not None:
             values = read_samples(mechanism.layout, t, q, v, reference)[0]
             for i in range(len(t) if status != "interrupted" else 0):
                 asked[i] = dynamics.actuation.answer(float(t[i]), View(mechanism, float(t[i]), q[i], v[i], values[i]))
-        work = np.array([y[dynamics.nq + dynamics.nv :] for _, y in recorded])
+        work = np.array([now.y[dynamics.nq + dynamics.nv :] for now in recorded])
         return Trajectory(
             mechanism, t, q, v, work, asked, asked_names, reference, run, status, message, start.repairs, stats, versions()
         )
@@ -212,7 +222,7 @@ class Trajectory:
             at = int(np.argmin(np.abs(self.t - t)))
             return dict(zip(self.asked_names, self.asked[at].tolist(), strict=True))
 
-        start = self.mechanism.state(dict(zip(self.mechanism.layout.names, self.reference.tolist(), strict=True)))
+        start = self.mechanism.state(dict(zip(self.mechanism.layout.names, self.reference[0].tolist(), strict=True)))
         control = replay if self.asked_names else None
         return Dynamics(self.mechanism, self.run.knife_edge, self.run.gain, control, start, run=self.run)
 
@@ -388,10 +398,11 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
     mechanism = build(scene)
     dynamics = Dynamics(mechanism, run.knife_edge, run.gain, run=run)
+    references = arrays["t"].size if dynamics.reads_angles or names else 1
     samples, works = arrays["t"].size, len(dynamics.work_names) + len(set(names) - set(dynamics.work_names))
     shapes = {
         "t": (samples,), "q": (samples, dynamics.nq), "v": (samples, dynamics.nv), "work": (samples, works),
-        "asked": (samples, len(names)), "reference": (len(mechanism.layout.names),),
+        "asked": (samples, len(names)), "reference": (references, len(mechanism.layout.names)),
     }  # fmt: skip
     for name, shape in shapes.items():
         if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
