@@ -156,6 +156,19 @@ def test_run_draws_plots(here: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert all(str(path.relative_to(here)) in last for path in pictures)
 
 
+def test_run_writes_a_page_that_plays(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("meshcat")
+    folder = here / "results" / "skier"
+    assert main(["run", "skier.toml", "--quiet"]) == 0
+    assert "run.html" in capsys.readouterr().out
+    assert (folder / "run.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    monkeypatch.setitem(sys.modules, "meshcat", None)
+    (folder / "run.html").unlink()
+    assert main(["run", "skier.toml", "--quiet"]) == 0
+    assert "no run.html" in capsys.readouterr().err
+    assert not (folder / "run.html").exists()
+
+
 def test_a_run_is_replayed(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "skier.toml", "--no-plots", "--quiet", "-o", "first", "--duration", "0.15", "--method", "dop853"]) == 0
     assert main(["run", "first/run.npz", "--no-plots", "--quiet", "-o", "again"]) == 0

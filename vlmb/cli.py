@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         added.set_defaults(run=run)
         return added
 
-    run = command("run", "simulate a scene (or replay a stored run) and write run.npz, run.csv and plots", _run)
+    run = command("run", "simulate a scene (or replay a stored run); write run.npz, run.csv, plots and run.html, which plays", _run)
     run.add_argument("scene", help="scene file (.toml) or a stored run (.npz)")
     run.add_argument("-o", "--output", type=Path, default=None, help="folder for the results (default: results/NAME)")
     run.add_argument("--duration", type=float, help="[s]")
@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--step", type=float, help="[s] of the fixed-step methods")
     run.add_argument("--knife-edge", choices=("reduction", "multiplier", "projection"))
     run.add_argument("--gain", type=float, help="[1/s] Baumgarte gain of the knife edge as a multiplier")
-    run.add_argument("--no-plots", action="store_true", help="write no pictures")
+    run.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
     run.add_argument("--view", action="store_true", help="play the run in the browser when it is done")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     info = command("info", "print degrees of freedom, joints, and what was left out and why", _info)
@@ -106,6 +106,10 @@ def _run(args: argparse.Namespace) -> int:
         from vlmb.plots import save_all
 
         written += save_all(trajectory, folder)
+        try:
+            written.append(view.export_html(trajectory, folder / "run.html"))
+        except VlmbError as error:
+            print(f"no run.html: {error}", file=sys.stderr)
     print("wrote " + ", ".join(str(file) for file in written))
     if args.view:
         shown = view.play(trajectory)
