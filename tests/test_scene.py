@@ -603,3 +603,20 @@ def test_any_bytes_are_a_scene_or_a_scene_error(content: bytes, tmp_path: Path) 
     path.write_bytes(content)
     with pytest.raises(vlmb.SceneError, match=r"any\.toml"):
         vlmb.load_scene(path)
+
+
+def test_a_changed_scene_is_another_one() -> None:
+    scene = vlmb.Scene.from_dict({
+        "base": {"kind": "ski", "mass": 5.0, "inertia": 0.6}, "parameters": {"A": 1.0, "k": 0.4}, "start": {"speed": 3.0},
+        "programme": {"constraints": ["tan(phi0) = A*k*cos(k*x)"], "controls": ["M_phi0"], "frequency": 5.0},
+    })  # fmt: skip
+    wider = scene.changed(name="wider", parameters={"A": 2.0}, run={"duration": 2.0})
+    assert (wider.name, wider.parameters, wider.run.duration) == ("wider", {"A": 2.0, "k": 0.4}, 2.0)
+    assert (wider.base, wider.start, wider.programme) == (scene.base, scene.start, scene.programme)
+    assert scene.changed() == scene and scene.parameters["A"] == 1.0
+    assert scene.changed(programme=None).programme is None
+    assert scene.changed(constraints=["phi0 = 0.2"]).constraints == ("phi0 = 0.2",)
+    with pytest.raises(vlmb.SceneError, match=r"changed scene: unknown key 'parametres'; did you mean 'parameters'"):
+        scene.changed(parametres={"A": 2.0})
+    with pytest.raises(vlmb.SceneError, match=r"changed scene: base.mass"):
+        scene.changed(base={"mass": "heavy"})

@@ -1,5 +1,8 @@
 """vlmb: multibody dynamics of mechanisms whose links change their length, built on Pinocchio."""
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from vlmb._version import __version__
 from vlmb.coordinates import State
 from vlmb.equations import EquationsOfMotion, equations_of_motion
@@ -26,5 +29,20 @@ __all__ = [
     "equations_of_motion",
     "load_scene",
     "load_trajectory",
+    "plots",
     "simulate",
+    "view",
 ]
+
+if TYPE_CHECKING:
+    from vlmb import plots, view
+else:
+
+    def __getattr__(name: str) -> Any:
+        """Import `vlmb.plots` and `vlmb.view` when they are first asked for."""
+        if name in ("plots", "view"):
+            return importlib.import_module(f"vlmb.{name}")
+        raise AttributeError(f"module 'vlmb' has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        return sorted([*globals(), "plots", "view"])

@@ -20,6 +20,7 @@ from vlmb.integrate import METHODS
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.scene import Scene, load_scene
 from vlmb.simulate import check, run_options, simulate
+from vlmb.symbols import counted
 from vlmb.trajectory import Trajectory, load_trajectory
 
 
@@ -54,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         added.set_defaults(run=run)
         return added
 
-    run = command("run", "simulate a scene (or replay a stored run); write run.npz, run.csv, plots and run.html, which plays", _run)
+    run = command("run", "simulate a scene (or replay a stored run); write run.npz, run.csv, plots and a page that plays", _run)
     run.add_argument("scene", help="scene file (.toml) or a stored run (.npz)")
     run.add_argument("-o", "--output", type=Path, default=None, help="folder for the results (default: results/NAME)")
     run.add_argument("--duration", type=float, help="[s]")
@@ -95,6 +96,8 @@ def _run(args: argparse.Namespace) -> int:
     else:
         scene = load_scene(path)
     run = run_options(scene, **changes)
+    if args.view:
+        view.need_display()
     folder = args.output or Path("results") / path.stem
     trajectory = _with_progress(
         lambda progress: simulate(scene, **changes, t_eval=times, progress=progress), run.duration, args.quiet
@@ -112,9 +115,7 @@ def _run(args: argparse.Namespace) -> int:
             print(f"no run.html: {error}", file=sys.stderr)
     print("wrote " + ", ".join(str(file) for file in written))
     if args.view:
-        shown = view.play(trajectory)
-        input("The run plays in the browser; press Enter to end. ")
-        shown.close()
+        view.keep(view.play(trajectory, browser=True))
     return 0 if trajectory.status in ("finished", "stopped") else 1
 
 
@@ -133,7 +134,7 @@ def _info(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     mechanism = build(scene)
     layout, held = mechanism.layout, independent(mechanism)
-    print(f"{scene.name}: {scene.base.kind} base, {len(scene.links)} links, {sum_mass(scene):g} kg")
+    print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
     print(f"  degrees of freedom  {held}")
     memory = data_bytes(layout.nv) / 2**20
@@ -162,7 +163,8 @@ def sum_mass(scene: Scene) -> float:
 
 def _check(args: argparse.Namespace) -> int:
     mechanism, start = check(load_scene(args.scene))
-    print(f"{args.scene}: fine. {len(mechanism.coordinate_names)} coordinates, {independent(mechanism)} degrees of freedom")
+    coordinates, free = len(mechanism.coordinate_names), independent(mechanism)
+    print(f"{args.scene}: fine. {counted(coordinates, 'coordinate')}, {counted(free, 'degree')} of freedom")
     for text in (*mechanism.warnings, *(f"repaired: {entry}" for entry in start.repairs)):
         print(f"  {text}")
     return 0

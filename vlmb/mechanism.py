@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from vlmb import coordinates as chart
 from vlmb.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
+from vlmb.display import Displayed
 from vlmb.errors import SceneError, VlmbError
 from vlmb.expressions import evaluate, parse
 from vlmb.scene import BASE, Scene, Segment
@@ -29,7 +30,7 @@ AXIAL_RATIO = 1.0
 
 
 @dataclass(frozen=True)
-class Mechanism:
+class Mechanism(Displayed):
     """What `build` makes of a scene. `data` is scratch space: one thread at a time."""
 
     scene: Scene
@@ -39,6 +40,9 @@ class Mechanism:
     frames: Mapping[str, int]  # "legs.tip" -> frame id
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"<Mechanism of {self.scene.name!r}: {' '.join(self.coordinate_names)}>"
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:

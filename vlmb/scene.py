@@ -177,6 +177,17 @@ class Scene(_Table, frozen=True, kw_only=True):
         """Return the scene as plain data that `from_dict` reads back to an equal scene."""
         return msgspec.to_builtins(self)
 
+    def changed(self, **keys: Any) -> Scene:
+        """Return this scene with keys changed: tables are laid over its own, key by key; lists and values replace, None removes.
+
+        scene.changed(name="faster", start={"speed": 9.0}, programme=None). Raises SceneError as `from_dict` does.
+        """
+        data = self.to_dict()
+        for key, value in keys.items():
+            merged = isinstance(value, dict) and isinstance(data.get(key), dict)
+            data[key] = {**data[key], **value} if merged else value
+        return Scene.from_dict({key: value for key, value in data.items() if value is not None}, "changed scene")
+
     @property
     def surface_gravity(self) -> tuple[float, float, float]:
         """Gravity in the surface frame [m/s^2]: g (sin slope, 0, -cos slope)."""

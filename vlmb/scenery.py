@@ -14,24 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb import shapes
+from vlmb import looks, shapes
 from vlmb.coordinates import LinkIndex, SegmentIndex, kinematics
-from vlmb.looks import (
-    EDGE_FORCE,
-    GRAVITY,
-    HINGE,
-    JACKET,
-    MASS,
-    PROGRAMME,
-    SKI,
-    SKIN,
-    STAND,
-    TELESCOPE,
-    TRACK,
-    TRAIL,
-    Look,
-    look_of,
-)
+from vlmb.course import course
+from vlmb.looks import Look, look_of
 from vlmb.mechanism import Mechanism
 from vlmb.sampling import at_times, smooth
 from vlmb.scene import Base, Link
@@ -42,6 +28,8 @@ Array = NDArray[np.float64]
 
 VIEW_FROM = (-0.62, -1.0, 0.42)  # direction from what is looked at to the camera
 TRAIL_SECONDS = 1.5  # of the way of a tip
+AHEAD = 20.0  # [s] of the way of a programme that a start posture shows
+WAY_POINTS = 3000  # of that way at most
 DENSITY = 1000.0  # [kg/m^3], of what masses are drawn as
 
 
@@ -113,21 +101,39 @@ class Scenery:
 
 def of_state(mechanism: Mechanism, state: tuple[Any, Any], arrows: bool = False) -> Scenery:
     """Return the scenery of one posture."""
-    return _build(mechanism, np.zeros(1), np.asarray(state[0], float)[None], arrows, None, None)
+    q, v = np.asarray(state[0], float), np.asarray(state[1], float)
+    times = np.linspace(0.0, min(mechanism.scene.run.duration, AHEAD), WAY_POINTS)
+    programme = _programme(mechanism, times, np.full(len(times), v[0]), q)
+    return _build(mechanism, np.zeros(1), q[None], arrows, None, programme)
 
 
 def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = False, programme: Any = None) -> Scenery:
-    """Return the scenery of a motion at `fps` frames a second; `programme` (n, 2) [m] is drawn as a dashed way."""
-    t = trajectory.t
+    """Return the scenery of a motion at `fps` frames a second.
+
+    `programme` (n, 2) [m] is drawn as a dashed way; default: the course that the scene's programme prescribes, if it does.
+    """
+    t, mechanism = trajectory.t, trajectory.mechanism
     if len(t) < 2:
-        return of_state(trajectory.mechanism, (trajectory.q[0], trajectory.v[0]), arrows)
+        return of_state(mechanism, (trajectory.q[0], trajectory.v[0]), arrows)
     frames = max(2, round((t[-1] - t[0]) * fps) + 1)
     when = np.linspace(t[0], t[-1], frames)
-    q = at_times(trajectory.mechanism.model, t, trajectory.q, when)
+    q = at_times(mechanism.model, t, trajectory.q, when)
     edge = None
-    if arrows and trajectory.mechanism.layout.base == "ski":
+    if arrows and mechanism.layout.base == "ski":
         edge = np.interp(when, t, trajectory.reactions["knife_edge"])
-    return _build(trajectory.mechanism, when, q, arrows, edge, programme)
+    if programme is None:
+        programme = _programme(mechanism, t, trajectory.v[:, 0], trajectory.q[0])
+    return _build(mechanism, when, q, arrows, edge, programme)
+
+
+def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array | None:
+    """The way a programme prescribes from a configuration on."""
+    if mechanism.layout.base != "ski":
+        return None
+    if len(t) > WAY_POINTS:
+        when = np.linspace(t[0], t[-1], WAY_POINTS)
+        t, speed = when, np.interp(when, t, speed)
+    return course(mechanism.scene, t, speed, (float(q[0]), float(q[1]), math.atan2(q[3], q[2])))
 
 
 def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array | None, programme: Any) -> Scenery:
@@ -144,7 +150,7 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     elif layout.base == "free":
         base[:, [0, 2] if layout.plane else [0, 1, 2]] = q[:, : layout.base_size]
         if scene.base.mass:
-            bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), MASS, base))
+            bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), looks.MASS, base))
     hinges: dict[int, Array] = {}
     parents = {link.parent for link in layout.links if link.point == "tip"}
     tips: list[Array] = []
@@ -159,10 +165,10 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
         cone = shapes.cone(0.09 * size, 0.05 * size)
-        bodies.insert(0, Body("stand", cone if below else shapes.turned_over(cone), STAND))
+        bodies.insert(0, Body("stand", cone if below else shapes.turned_over(cone), looks.STAND))
     if layout.base != "ski" and tips and len(t) > 1:
         trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
-        bodies.append(Body("trail", trail, TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
+        bodies.append(Body("trail", trail, looks.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
     if arrows:
         bodies += _arrows(mechanism, q, size, edge)
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
@@ -187,16 +193,17 @@ def _link(
     thin = max(0.35 * radius, 0.008 * size)
     path = f"links/{link.name}"
     lower, upper = _length(index.lower, q), _length(index.upper, q)
-    bodies = [Body(path, shapes.ball(1.15 * thin), look.colour if look.of_body else HINGE, hinge, rotation)]
+    bodies = [Body(path, shapes.ball(1.15 * thin), look.colour if look.of_body else looks.HINGE, hinge, rotation)]
     if np.any(lower != 0.0):
-        bodies.append(Body(f"{path}/lower", shapes.tube(thin), TELESCOPE, scale=_along(lower, 1.0)))
+        bodies.append(Body(f"{path}/lower", shapes.tube(thin), looks.TELESCOPE, scale=_along(lower, 1.0)))
     bodies.append(Body(f"{path}/rod", _solid(link, radius, look), look.colour, position=_along(lower, 0.0)))
     if np.any(upper != 0.0):
         at = np.array([length, 0.0, 0.0])
-        bodies.append(Body(f"{path}/rod/upper", shapes.tube(0.8 * thin), TELESCOPE, position=at, scale=_along(upper, 1.0)))
+        bodies.append(Body(f"{path}/rod/upper", shapes.tube(0.8 * thin), looks.TELESCOPE, position=at, scale=_along(upper, 1.0)))
     if link.tip_mass:
         mass = shapes.ball(_ball_radius(link.tip_mass, size))
-        colour = look.colour if look.of_body and (carries or look.colour == SKIN) else SKIN if look.colour == JACKET else MASS
+        skin = {looks.SKIN: looks.SKIN, looks.JACKET: looks.SKIN}.get(look.colour, looks.MASS)  # a head
+        colour = look.colour if look.of_body and carries else skin
         bodies.append(Body(f"{path}/rod/mass", mass, colour, position=_along(length + upper, 0.0)))
     return bodies
 
@@ -211,10 +218,10 @@ def _solid(link: Link, radius: float, look: Look) -> Mesh | None:
 def _ski(mechanism: Mechanism, base: Array, heading: Array) -> list[Body]:
     scene = mechanism.scene.base
     length = _ski_length(scene)
-    bodies = [Body("ski", shapes.ski(length), SKI, base, heading)]
+    bodies = [Body("ski", shapes.ski(length), looks.SKI, base, heading)]
     centre = np.array([scene.com_offset, 0.0, 0.02 * length])
     if not mechanism.scene.links or scene.com_offset:
-        bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), MASS, centre))
+        bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), looks.MASS, centre))
     return bodies
 
 
@@ -226,10 +233,10 @@ def _ways(base: Array, size: float, programme: Any) -> list[Body]:
     """The track left behind and the way of a programme."""
     bodies = []
     if len(base) > 1:
-        bodies.append(Body("track", shapes.ribbon(base[:, :2], 0.05 * size, 0.004), TRACK, grows=True, shadow=False))
+        bodies.append(Body("track", shapes.ribbon(base[:, :2], 0.05 * size, 0.004), looks.TRACK, grows=True, shadow=False))
     if programme is not None:
         way = shapes.dashes(np.asarray(programme, float), 0.03 * size, 0.006, 0.3 * size)
-        bodies.append(Body("programme", way, PROGRAMME, shadow=False))
+        bodies.append(Body("programme", way, looks.PROGRAMME, shadow=False))
     return bodies
 
 
@@ -243,13 +250,14 @@ def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None) -> 
         centre = np.array([pin.centerOfMass(model, data, row) for row in q])
         side = np.cross([0.0, 1.0, 0.0], down / np.linalg.norm(down))
         turned = np.column_stack([down / np.linalg.norm(down), [0.0, 1.0, 0.0], -side])
-        bodies.append(Body("gravity", shapes.arrow(0.7 * size), GRAVITY, centre, turned, shadow=False, in_front=True))
+        bodies.append(Body("gravity", shapes.arrow(0.7 * size), looks.GRAVITY, centre, turned, shadow=False, in_front=True))
     if edge is not None:
         left = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         share = edge / max(weight, 1e-9)
         scale = np.repeat(np.where(np.abs(share) < 1e-4, 1e-4, share)[:, None], 3, axis=1)
         at = np.array([0.0, 0.0, 0.05 * size])
-        bodies.append(Body("ski/edge_force", shapes.arrow(0.7 * size), EDGE_FORCE, at, left, scale, shadow=False, in_front=True))
+        arrow = shapes.arrow(0.7 * size)
+        bodies.append(Body("ski/edge_force", arrow, looks.EDGE_FORCE, at, left, scale, shadow=False, in_front=True))
     return bodies
 
 

@@ -1,9 +1,10 @@
-"""Stills of a scenery without a screen or a browser, and animated GIFs; painted on numpy, written by pillow."""
+"""Stills of a scenery without a screen or a browser, and films; painted on numpy, written by pillow, MP4 by PyAV."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,10 +48,33 @@ def still(
 def animation(
     scenery: Scenery, path: str | Path, size: tuple[int, int] = (480, 320), fps: float = 20.0, speed: float = 1.0
 ) -> Path:
-    """Write an animated GIF that plays at `speed` times real time."""
-    pictures = [picture.quantize(96) for picture in movie(scenery, size, fps, speed)]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=round(1000.0 / fps), loop=0)
+    """Write a film that plays at `speed` times real time: an animated GIF, or MP4 where the name ends so.
+
+    Raises VlmbError when pillow, or PyAV for MP4, is not installed.
+    """
+    pictures = movie(scenery, size, fps, speed)
+    if Path(path).suffix.lower() == ".mp4":
+        return _mp4(pictures, Path(path), fps)
+    first, *others = [picture.quantize(96) for picture in pictures]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=round(1000.0 / fps), loop=0)
     return Path(path)
+
+
+def _mp4(pictures: Iterator[Image], path: Path, fps: float) -> Path:
+    """Encode pictures as H.264; it wants even sides."""
+    try:
+        import av
+    except ImportError:
+        raise VlmbError("an MP4 needs PyAV, which is not installed: pip install vlmb[film]; a GIF does without") from None
+    with av.open(str(path), "w", format="mp4") as film:
+        stream = film.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000), options={"crf": "20"})
+        for k, picture in enumerate(pictures):
+            if k == 0:
+                stream.width, stream.height = picture.width // 2 * 2, picture.height // 2 * 2
+                stream.pix_fmt = "yuv420p"
+            film.mux(stream.encode(av.VideoFrame.from_image(picture.crop((0, 0, stream.width, stream.height)))))
+        film.mux(stream.encode())
+    return path
 
 
 def frames(scenery: Scenery, folder: str | Path, size: tuple[int, int] = (960, 600), fps: float = 30.0) -> list[Path]:

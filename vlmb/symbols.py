@@ -12,6 +12,11 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def counted(number: int, noun: str) -> str:
+    """Return the number with its noun, in the plural unless it is 1."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def symbol(coordinate: Coordinate, dot: bool = False) -> str:
     r"""Return the paper's symbol of a coordinate or its rate: \varphi_1, \psi_1, \xi_{11}, \dot{x}."""
     number = coordinate.link + 1

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vlmb._version import __version__
 from vlmb.coordinates import kinematics, read_samples
+from vlmb.display import Displayed
 from vlmb.dynamics import Dynamics
 from vlmb.errors import TrajectoryError, VlmbError, nearest
 from vlmb.forces import View
@@ -76,7 +77,7 @@ class _Named(Mapping[str, Any]):
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Displayed):
     """Samples of a motion: t (N,) [s], q (N, nq), v (N, nv), work (N, W) [J], and how they were made.
 
     trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`.
@@ -133,6 +134,9 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        return f"<Trajectory of {self.scene.name!r}: {len(self)} samples, {self.message}>"
 
     def __getitem__(self, name: str) -> Array:
         layout = self.mechanism.layout

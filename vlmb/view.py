@@ -6,10 +6,7 @@
 from __future__ import annotations
 
 import argparse
-import base64
 import errno
-import html
-import io
 import os
 import sys
 import threading
@@ -31,6 +28,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 FPS = 60.0
+WITHOUT = "write a file with export_html (--html), a picture with --png, or serve only with --no-browser"
 
 
 class View:
@@ -65,15 +63,13 @@ class View:
 
     def open(self) -> View:
         """Open a browser on the page. Raises VlmbError where none can be opened."""
-        hint = "write a file with export_html (--html), a picture with --png, or serve only with --no-browser"
-        if not has_display():
-            raise VlmbError(f"there is no display here to open a browser on: {hint}")
+        need_display()
         try:
             opened = webbrowser.open(self.url)
         except webbrowser.Error:
             opened = False
         if not opened:
-            raise VlmbError(f"no browser could be opened: {hint}, or open {self.url} yourself")
+            raise VlmbError(f"no browser could be opened: {WITHOUT}, or open {self.url} yourself")
         return self
 
     def wait(self) -> None:
@@ -142,20 +138,6 @@ def posture(mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: 
     return of_state(mechanism, state, arrows)
 
 
-def trajectory_html(trajectory: Trajectory, height: int = 300) -> str:
-    """Return what a notebook shows of a trajectory: a picture of it and its summary."""
-    made = of_trajectory(trajectory, 30.0)
-    return _card(made, trajectory.summary(), 5 if trajectory.mechanism.layout.base != "pivot" else 0, height)
-
-
-def mechanism_html(mechanism: Mechanism, height: int = 300) -> str:
-    """Return what a notebook shows of a mechanism: its start posture, its coordinates, what was left out."""
-    lines = [f"{mechanism.scene.name}: {mechanism.scene.base.kind} base, {len(mechanism.scene.links)} links",
-             f"coordinates  {' '.join(mechanism.coordinate_names)}"]  # fmt: skip
-    lines += [f"left out     {entry}" for entry in mechanism.left_out] + [f"warning      {entry}" for entry in mechanism.warnings]
-    return _card(posture(mechanism), "\n".join(lines), 0, height)
-
-
 def frame_html(text: str, height: int = 480) -> str:
     """Put a page into a frame of a notebook."""
     escaped = text.replace("&", "&amp;").replace('"', "&quot;")
@@ -169,6 +151,18 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
+def need_display() -> None:
+    """Raise VlmbError where no browser window could appear."""
+    if not has_display():
+        raise VlmbError(f"there is no display here to open a browser on: {WITHOUT}")
+
+
+def keep(view: View) -> None:
+    """Say where a page is, and serve it until the user presses Ctrl-C."""
+    print(f"{view.url} (Ctrl-C ends)", flush=True)
+    view.wait()
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the arguments of `vlmb view`."""
     parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file (.toml): its start; stored run (.npz): its motion")
@@ -177,9 +171,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time", type=float, metavar="T", help="[s] of the still (default: the end)")
     parser.add_argument("--ghosts", type=int, default=0, metavar="N", help="earlier postures in the still, paler")
     parser.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
+    parser.add_argument("--mp4", type=Path, metavar="FILE", help="write a film; needs the extra `film`")
     parser.add_argument("--frames", type=Path, metavar="DIR", help="write one PNG a frame, for a film")
-    parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and GIF")
-    parser.add_argument("--fps", type=float, help="frames a second (default: 60 in the page, 30 of --frames, 20 in a GIF)")
+    parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and films")
+    parser.add_argument("--fps", type=float, help="frames a second (default: page 60, frames and MP4 30, GIF 20)")
     parser.add_argument("--speed", type=float, default=1.0, help="times real time (default: 1)")
     parser.add_argument("--arrows", action="store_true", help="draw gravity and the edge force")
     parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
@@ -201,8 +196,10 @@ def run(args: argparse.Namespace) -> int:
     if args.png:
         picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size).save(args.png)
         written.append(args.png)
-    if args.gif:
-        written.append(animation(made((args.fps or 20.0) / args.speed), args.gif, fps=args.fps or 20.0, speed=args.speed, **size))
+    for path, usual in ((args.gif, 20.0), (args.mp4, 30.0)):
+        if path:
+            fps = args.fps or usual
+            written.append(animation(made(fps / args.speed), path, fps=fps, speed=args.speed, **size))
     if args.frames:
         written += frames(made(args.fps or 30.0), args.frames, fps=args.fps or 30.0, **size)[:1]
     if args.html:
@@ -211,9 +208,7 @@ def run(args: argparse.Namespace) -> int:
     if written:
         print("wrote " + ", ".join(str(path) for path in written) + (", ..." if args.frames else ""))
         return 0
-    view = _view(page(made(args.fps or FPS), args.speed), not args.no_browser, args.port)
-    print(f"{view.url} (Ctrl-C ends)", flush=True)
-    view.wait()
+    keep(_view(page(made(args.fps or FPS), args.speed), not args.no_browser, args.port))
     return 0
 
 
@@ -224,15 +219,3 @@ def _view(text: str, browser: bool | None, port: int) -> View:
     except VlmbError:
         view.close()
         raise
-
-
-def _card(made: Scenery, text: str, ghosts: int, height: int) -> str:
-    shown = ""
-    try:
-        buffer = io.BytesIO()
-        still(made, size=(height * 8 // 5, height), ghosts=ghosts).save(buffer, "PNG")
-        data = base64.b64encode(buffer.getvalue()).decode("ascii")
-        shown = f'<img alt="{html.escape(made.name, quote=True)}" src="data:image/png;base64,{data}">'
-    except VlmbError:
-        pass  # without pillow the text must do
-    return f"<div>{shown}<pre>{html.escape(text)}</pre></div>"
