@@ -24,16 +24,20 @@ def gain_matrices(programme: Programme, holonomic: Sequence[bool], own_rate: flo
     """Return H (r, m) and K (r, r) of (5.5); columns of H are the holonomic rows in order.
 
     frequency w and damping ratio d: h = -w^2, k = -2 d w for a holonomic row, k = -w for a velocity row.
-    `own_rate` [rad/s] is the motion's own, for gains = "auto". Raises SceneError.
+    `own_rate` [rad/s] is the motion's own, for gains = "auto". gains = "none": H = K = 0. Raises SceneError.
     """
     count, positions = len(holonomic), [k for k, flag in enumerate(holonomic) if flag]
     if programme.h is not None or programme.k is not None:
         return _explicit(programme, count, len(positions))
+    if programme.gains is not None and programme.frequency is not None:
+        raise SceneError(f"programme: gains = {programme.gains!r} and frequency exclude each other; remove one")
+    if programme.gains == "none":
+        return np.zeros((count, len(positions))), np.zeros((count, count))
     if programme.gains == "auto":
         limit = math.inf if step is None else AUTO_STEP / step
         frequency = np.full(count, min(AUTO_RATIO * own_rate, limit))
     elif programme.frequency is None:
-        raise SceneError('programme: give frequency [rad/s], or gains = "auto", or h and k')
+        raise SceneError('programme: give frequency [rad/s], or gains = "auto", or h and k, or gains = "none"')
     else:
         frequency = _per_row(programme.frequency, count, "frequency")
     damping = _per_row(programme.damping_ratio, count, "damping_ratio")
@@ -111,14 +115,16 @@ def _rk4_limit(value: complex) -> float:
     return low
 
 
-def stability_report(h: Array, k: Array, holonomic: Sequence[bool], method: str, step: float) -> str:
-    """Say how errors decay; SceneError with the largest stable step where they would grow."""
+def stability_report(h: Array, k: Array, holonomic: Sequence[bool], method: str, step: float, gains: str | None = None) -> str:
+    """Say how errors decay; SceneError with the largest stable step where they would grow, unless gains = "none"."""
+    if gains == "none":
+        return "no stabilization: errors of the start and of the method stay, and those of rates add up"
     eigenvalues = np.linalg.eigvals(perturbation_matrix(h, k, holonomic)).astype(complex)
     if (eigenvalues.real >= 0.0).any():
         worst = eigenvalues[np.argmax(eigenvalues.real)]
         raise SceneError(
             f"programme: the perturbation equations are not stable (eigenvalue {worst:.4g}): errors of the constraints would not "
-            "decay; every holonomic row needs h < 0 and k < 0, every velocity row k < 0"
+            "decay; every holonomic row needs h < 0 and k < 0, every velocity row k < 0; or run without any: gains = 'none'"
         )
     limit = largest_stable_step(eigenvalues, method)
     if step >= limit:

@@ -46,7 +46,7 @@ class ProgrammeControl:
         step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
         self.holonomic = np.array([row.holonomic for row in rows], dtype=bool)
         self.h, self.k = gain_matrices(programme, self.holonomic.tolist(), own_rate(mechanism), step)
-        self.decay = stability_report(self.h, self.k, self.holonomic.tolist(), run.method, step or 0.0)
+        self.decay = stability_report(self.h, self.k, self.holonomic.tolist(), run.method, step or 0.0, programme.gains)
         self.effect = np.zeros((len(rows), len(self.channels)))  # G of the last solution
         self.side = 0.0  # sign of det G at the last accepted sample, where G is square
         self.free: Law | None = None

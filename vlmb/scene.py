@@ -116,7 +116,7 @@ class Programme(_Table, frozen=True, kw_only=True):
     controls: tuple[str, ...]
     frequency: Positive | tuple[Positive, ...] | None = None  # [rad/s]
     damping_ratio: NonNegative | tuple[NonNegative, ...] = 1.0
-    gains: Literal["auto"] | None = None
+    gains: Literal["auto", "none"] | None = None  # none: H = K = 0, errors neither decay nor are checked
     h: tuple[tuple[float, ...], ...] | None = None
     k: tuple[tuple[float, ...], ...] | None = None
     weights: dict[str, Positive] = {}  # R_s of the norm sum R_s u_s^2; default 1/scale^2
