@@ -187,6 +187,18 @@ class Trajectory(Displayed):
             raise TrajectoryError(f"no link {link!r}; {nearest(link, names)}")
         return self._evaluations["hinges"][:, names.index(link)]
 
+    def hinge_torque(self, link: str) -> Array:
+        """Torque (N, 3) [N m] of the parent on a link at its hinge, surface frame, as if every control acted from the parent."""
+        names = [entry.name for entry in self.mechanism.layout.links]
+        if link not in names:
+            raise TrajectoryError(f"no link {link!r}; {nearest(link, names)}")
+        return self._evaluations["hinge_torques"][:, names.index(link)]
+
+    @property
+    def conditions(self) -> Array:
+        """Condition number (N,) of the programme's G in the scales of its controls; empty without a programme."""
+        return self._evaluations["conditions"] if self.scene.programme else np.zeros(0)
+
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Constraint errors by equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
@@ -241,7 +253,8 @@ class Trajectory(Displayed):
         found["residuals"] = {name: (np.zeros(len(self)), np.zeros(len(self))) for name in texts}
         found["powers"] = {name: np.zeros(len(self)) for name in dynamics.work_names}
         found["controls"] = {name: np.zeros(len(self)) for name in dynamics.work_names}
-        found["hinges"] = np.zeros((len(self), len(links), 3))
+        found["hinges"], found["hinge_torques"] = np.zeros((len(self), len(links), 3)), np.zeros((len(self), len(links), 3))
+        found["conditions"], programme = np.ones(len(self)), dynamics.system.programme
         data = self.mechanism.data
         for i in range(len(self)):
             dynamics.reference = values[i].tolist()
@@ -266,7 +279,10 @@ class Trajectory(Displayed):
                 found["reactions"]["roll_moment"][i], found["reactions"]["pitch_moment"][i] = snow.angular[0], snow.angular[1]
             pin.forwardKinematics(self.mechanism.model, data, self.q[i])
             for k, link in enumerate(links):
-                found["hinges"][i, k] = data.oMi[link.joint].rotation @ data.f[link.joint].linear
+                turn, force = data.oMi[link.joint].rotation, data.f[link.joint]
+                found["hinges"][i, k], found["hinge_torques"][i, k] = turn @ force.linear, turn @ force.angular
+            if programme is not None:
+                found["conditions"][i] = programme.rank(programme.effect)[1]
         return found
 
     @cached_property
@@ -360,6 +376,9 @@ class Trajectory(Displayed):
             residual = self.residuals[name]
             position = "" if residual.position is None else f"{np.abs(residual.position).max():.2e}, "
             lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} /s")
+        programme = self._dynamics.system.programme
+        if programme is not None:
+            lines.append(f"  programme        {programme.decay}; condition of G up to {self.conditions.max():.4g}")
         if "knife_edge" in self.reactions:
             edge, normal = self.reactions["knife_edge"], self.reactions["normal"]
             lines.append(f"  edge force       up to {np.abs(edge).max():.4g} N")
