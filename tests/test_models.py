@@ -114,6 +114,81 @@ def evaluations(trajectory: vlmb.Trajectory, most: int) -> None:
     assert trajectory.stats["rhs_evaluations"] <= most, trajectory.stats
 
 
+@key
+def repairs(trajectory: vlmb.Trajectory, words: list[str]) -> None:
+    """Words of each value that the start fills in for the equations, and of each error it leaves."""
+    assert len(trajectory.repairs) == len(words), trajectory.repairs
+    for word, repair in zip(words, trajectory.repairs, strict=True):
+        assert word in repair
+
+
+# ---- the programme
+
+
+@key
+def residuals(trajectory: vlmb.Trajectory, tolerances: dict[str, float]) -> None:
+    """Largest error of equations, of their rate where they have rates alone."""
+    for text, tolerance in tolerances.items():
+        assert np.abs(error_of(trajectory, text)).max() <= tolerance, (text, np.abs(error_of(trajectory, text)).max())
+
+
+@key
+def residuals_at_end(trajectory: vlmb.Trajectory, tolerances: dict[str, float]) -> None:
+    for text, tolerance in tolerances.items():
+        assert abs(error_of(trajectory, text)[-1]) <= tolerance, (text, error_of(trajectory, text)[-1])
+
+
+@key
+def programme_decay(trajectory: vlmb.Trajectory, tolerance: float) -> None:
+    """Largest deviation of (z, z'/w) from critically damped decay, over the length of that vector at the start."""
+    programme = trajectory.scene.programme
+    assert programme is not None and isinstance(programme.frequency, float) and programme.damping_ratio == 1.0
+    t, w = trajectory.t, programme.frequency
+    start, errors = [], []
+    for text in programme.constraints:
+        z, rate = trajectory.residuals[text]
+        assert z is not None
+        push = rate[0] + w * z[0]
+        decayed = (z[0] + push * t) * np.exp(-w * t), (rate[0] - w * push * t) * np.exp(-w * t)
+        start += [z[0], rate[0] / w]
+        errors += [z - decayed[0], (rate - decayed[1]) / w]
+    assert np.linalg.norm(start) > 1e-3
+    error = np.abs(errors).max() / np.linalg.norm(start)
+    assert error <= tolerance, error
+
+
+@key
+def conditioning(trajectory: vlmb.Trajectory, most: float) -> None:
+    """Condition number of G at any time."""
+    assert trajectory.conditions.min() >= 1.0 and trajectory.conditions.max() <= most, trajectory.conditions.max()
+
+
+@key
+def half_turns(trajectory: vlmb.Trajectory, least: int) -> None:
+    """Changes of side of the curve a ski goes through."""
+    side = np.sign(trajectory["phi0_dot"])
+    assert np.count_nonzero(side[1:] * side[:-1] < 0.0) >= least
+
+
+@key
+def passes(trajectory: vlmb.Trajectory, marks: dict[str, list[float]]) -> None:
+    """A quantity has [value, earliest s, latest s] when it first passes the value, counted from its start."""
+    for name, (value, early, late) in marks.items():
+        from_mark = quantity_of(trajectory, name) - value
+        passed = np.flatnonzero(from_mark * from_mark[0] <= 0.0)
+        assert len(passed) and early <= trajectory.t[passed[0]] <= late, (name, trajectory.t[passed[:1]])
+
+
+@key
+def power(trajectory: vlmb.Trajectory, bounds: dict[str, list[float]]) -> None:
+    """[low, high] of the power of controls in W; its integral is the work."""
+    for name, (low, high) in bounds.items():
+        values = trajectory.power(name)
+        assert low <= values.min() and values.max() <= high, (name, values.min(), values.max())
+        work = np.trapezoid(values, trajectory.t)
+        assert work == pytest.approx(trajectory.work_by_force[name][-1], abs=2e-3 * np.trapezoid(np.abs(values), trajectory.t))
+
+
 # ---- invariants
 
 
@@ -199,7 +274,14 @@ def crosses_vertical(trajectory: vlmb.Trajectory, links: list[str]) -> None:
 def quantity_of(trajectory: vlmb.Trajectory, name: str) -> Array:
     if name in list(trajectory.controls):
         return trajectory.controls[name]
+    if name in list(trajectory.residuals):
+        return error_of(trajectory, name)
     return trajectory.reactions[name] if name in list(trajectory.reactions) else trajectory[name]
+
+
+def error_of(trajectory: vlmb.Trajectory, text: str) -> Array:
+    position, velocity = trajectory.residuals[text]
+    return velocity if position is None else position
 
 
 def mass_centre(trajectory: vlmb.Trajectory) -> tuple[Array, Array]:
@@ -345,7 +427,7 @@ def stacked(parts: list[str]) -> list[tuple[float, float, float]]:
 
 def promises(trajectory: vlmb.Trajectory) -> dict[str, Any]:
     """[expect] of a scene; what it leaves out means a finished run without warnings."""
-    return {"warnings": [], "status": "finished", **trajectory.scene.expect}
+    return {"warnings": [], "repairs": [], "status": "finished", **trajectory.scene.expect}
 
 
 def enforce(trajectory: vlmb.Trajectory, expect: dict[str, Any]) -> None:
@@ -359,7 +441,6 @@ def enforce(trajectory: vlmb.Trajectory, expect: dict[str, Any]) -> None:
 def test_model_keeps_its_promises(name: str) -> None:
     trajectory = run(name)
     assert {"coordinates", "degrees_of_freedom"} <= set(trajectory.scene.expect)
-    assert not trajectory.repairs
     assert np.isfinite(trajectory.q).all() and np.isfinite(trajectory.v).all()
     enforce(trajectory, promises(trajectory))
 
@@ -393,6 +474,14 @@ BROKEN: dict[str, tuple[str, Any]] = {
     "stops_by": ("one_link", "finished"),
     "stop_time": ("one_link", [0.0, 10.0]),
     "evaluations": ("one_link", 100),
+    "repairs": ("skier_paper", []),
+    "residuals": ("skier_paper", {"tan(phi0) = A*k*cos(k*x)": 1e-6}),
+    "residuals_at_end": ("skier_paper_balanced", {"tan(phi0) = A*k*cos(k*x)": 1e-8}),
+    "programme_decay": ("skier_paper_balanced", 1e-5),
+    "conditioning": ("skier_paper", 10.0),
+    "half_turns": ("skier_slalom", 15),
+    "passes": ("skier_paper", {"psi1": [1.4, 0.5, 1.0]}),
+    "power": ("skier_slalom", {"F1_1": [-600.0, 0.0]}),
     "energy_drift": ("one_link", 1e-16),
     "knife_edge_velocity": ("skier_one_link", -1.0),
     "angular_momentum_z": ("one_link", 1e-17),
