@@ -30,10 +30,10 @@ class Watch:
         mechanism, layout = dynamics.mechanism, dynamics.layout
         segments = [c for c in layout.coordinates if c.kind == "xi"]
         self.names = [c.name for c in segments]
-        self.q = np.array([segment_of(layout, c).q for c in segments], dtype=np.intp)
-        self.v = np.array([segment_of(layout, c).v for c in segments], dtype=np.intp) + layout.nq
-        bounds = np.array([limits_of(mechanism, c.link, c.segment) for c in segments], dtype=float).reshape(-1, 2)
-        self.low, self.high = bounds[:, 0], bounds[:, 1]
+        self.segments = [  # where length and rate are in y, and their limits
+            (segment_of(layout, c).q, segment_of(layout, c).v + layout.nq, *limits_of(mechanism, c.link, c.segment))
+            for c in segments
+        ]
         self.points: list[str] = []
         if fall and layout.base == "ski":
             self.points = [f"{link.name}.{point}" for link in layout.links for point in ("rod_end", "tip")]
@@ -48,18 +48,18 @@ class Watch:
     def between(self, t0: float, y0: Array, t1: float, y1: Array) -> tuple[float, str] | None:
         """Return (time, sentence) of the first event in (t0, t1], or None."""
         found: list[tuple[float, str]] = []
-        if len(self.q):
-            third = (t1 - t0) / 3.0
-            hull = np.array([y1[self.q], y0[self.q] + third * y0[self.v], y1[self.q] - third * y1[self.v]])
-            beyond = (hull.min(axis=0) < self.low) | (hull.max(axis=0) > self.high)
-            for k in np.flatnonzero(beyond):
-                for bound, sign in ((self.low[k], 1.0), (self.high[k], -1.0)):
-                    if math.isfinite(bound):
-                        crossing = self._crossing(t0, y0, t1, y1, self._room(int(self.q[k]), float(bound), sign))
-                        if crossing is not None:
-                            found.append((crossing, f"{self.names[k]} reached its limit {bound:g} m"))
-        for name in self.points:
-            if self._height(name, y1) < 0.0:
+        third, before, after = (t1 - t0) / 3.0, y0.item, y1.item
+        for name, (q, v, low, high) in zip(self.names, self.segments, strict=True):  # scalars: a fraction of numpy's time
+            a, b, c = before(q) + third * before(v), after(q) - third * after(v), after(q)
+            if low <= a <= high and low <= b <= high and low <= c <= high:
+                continue
+            for bound, sign in ((low, 1.0), (high, -1.0)):
+                if math.isfinite(bound):
+                    crossing = self._crossing(t0, y0, t1, y1, self._room(q, bound, sign))
+                    if crossing is not None:
+                        found.append((crossing, f"{name} reached its limit {bound:g} m"))
+        for name, height in zip(self.points, self._heights(y1), strict=True):
+            if height < 0.0:
                 crossing = self._crossing(t0, y0, t1, y1, partial(self._height, name))
                 if crossing is not None:
                     found.append((crossing, f"fall: {name} reached the snow"))
@@ -69,9 +69,15 @@ class Watch:
         return lambda y: sign * (float(y[q]) - bound)
 
     def _height(self, name: str, y: Array) -> float:
-        mechanism = self.dynamics.mechanism
-        pin.forwardKinematics(mechanism.model, mechanism.data, pin.normalize(mechanism.model, y[: self.dynamics.nq]))
-        return float(pin.updateFramePlacement(mechanism.model, mechanism.data, mechanism.frames[name]).translation[2])
+        return self._heights(y)[self.points.index(name)]
+
+    def _heights(self, y: Array) -> list[float]:
+        """Heights [m] of all points that must stay above the snow."""
+        if not self.points:
+            return []
+        model, data, frames = self.dynamics.mechanism.model, self.dynamics.mechanism.data, self.dynamics.mechanism.frames
+        pin.forwardKinematics(model, data, pin.normalize(model, y[: self.dynamics.nq]))
+        return [pin.updateFramePlacement(model, data, frames[name]).translation.item(2) for name in self.points]
 
     def _crossing(self, t0: float, y0: Array, t1: float, y1: Array, value: Callable[[Array], float]) -> float | None:
         """First time in (t0, t1] at which `value` is negative, by one run through the interval in short pieces."""

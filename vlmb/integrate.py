@@ -155,7 +155,8 @@ def short_run(rhs: Rhs, t: float, y: Array, end: float, rtol: float, atol: float
 class Multistep:
     """VODE: variable-order Adams-Moulton with functional iteration, or BDF with Newton's; compiled, in SciPy.
 
-    Its interpolant reaches back one step, so a step may pass the requested time; `end` is met by a short DOP853 run where
+    SciPy warns when VODE gives up; callers silence that around a whole run, since `advance` raises what it is about and silencing
+    each look would cost as much as the look. Its interpolant reaches back one step, so a step may pass the requested time; `end` is met by a short DOP853 run where
     the right-hand side must not be asked beyond it (a law's break point).
     """
 
@@ -201,9 +202,9 @@ class Multistep:
             raise SimulationError("adams and bdf cannot run inside another of their runs: use method = 'dop853' for one of them")
         Multistep.busy = True
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                y = np.array(self.solver.integrate(t, step=one_step))
+            y = np.array(self.solver.integrate(t, step=one_step))
+        except UserWarning:  # where warnings are errors, the solver has not noted that it gave up
+            self.solver._integrator.success = 0
         finally:
             Multistep.busy = False
         self.guarded.check(self.solver)
