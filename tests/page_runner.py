@@ -1,4 +1,4 @@
-"""Runs the code blocks of one page in order, in the current folder: python tests/page_runner.py PAGE [PREAMBLE].
+"""Runs the code blocks of one page in order, in the current folder: python tests/page_runner.py PAGE.
 
     toml       with title="name.toml": written to that file; without: checked as a scene, or as a part of one
     python     run; all blocks of a page share their names; a `text` block right behind it is what it prints
@@ -139,8 +139,6 @@ def run_page(page: str, names: dict[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    known: dict[str, Any] = {"__name__": "page"}
-    exec(sys.argv[2] if len(sys.argv) > 2 else "", known)
-    wrong = run_page(Path(sys.argv[1]).read_text(encoding="utf-8"), known)
-    print("\n\n".join(wrong), file=sys.stderr)
-    sys.exit(bool(wrong))
+    wrong = run_page(Path(sys.argv[1]).read_text(encoding="utf-8"), {"__name__": "page"})
+    if wrong:
+        sys.exit("\n\n".join(wrong))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import os
 import posixpath
 import re
 from functools import cache
@@ -20,9 +19,9 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 REPOSITORY = "repository"  # where files from outside docs/ stand in the site
 NOTEBOOK = "notebooks/skier"
-EXECUTED = "VLMB_EXECUTED_NOTEBOOK"  # environment variable: path of the notebook with its outputs
 FORMULA = re.compile(r'(?P<tag><(?:span|div) class="arithmatex">)\\(?P<open>[(\[])(?P<latex>.*?)\\[)\]]', re.S)
-PICTURES = ROOT / "results" / "gallery"  # what scripts/gallery writes
+PICTURES = DOCS / "images" / "gallery"  # what scripts/gallery --docs writes
+PLAYERS = ROOT / "results" / "gallery"  # pages that play, where scripts/gallery wrote them
 LINK = re.compile(r"(\]\()([^)\s#]+)((?:#[^)\s]*)?\))")
 FENCE = re.compile(r"^(?P<fence>```+|~~~+).*?^(?P=fence)[ \t]*$", re.M | re.S)
 
@@ -40,7 +39,7 @@ def on_files(files: Files, config: Any) -> Files:
                 waiting.append(target)
     for path in sorted(seen):
         files.append(_generated(config, f"{REPOSITORY}/{path}", abs_src_path=str(ROOT / path)))
-    for path in sorted([*PICTURES.glob("*.png"), *PICTURES.glob("*.html")]):
+    for path in sorted(PLAYERS.glob("*.html")):
         files.append(_generated(config, f"gallery/{path.name}", abs_src_path=str(path)))
     files.append(File.generated(config, f"{NOTEBOOK}.md", content=notebook_page(DOCS / f"{NOTEBOOK}.ipynb")))
     return files
@@ -52,6 +51,8 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
     path = source.removeprefix(f"{REPOSITORY}/") if source.startswith(f"{REPOSITORY}/") else f"docs/{source}"
     if "<!-- gallery -->" in markdown:
         markdown = markdown.replace("<!-- gallery -->", gallery())
+    if "<!-- figures -->" in markdown:
+        markdown = markdown.replace("<!-- figures -->", figures())
     parts, end = [], 0
     for fence in FENCE.finditer(markdown):
         parts += [_prose(markdown[end : fence.start()], path, source), fence[0]]
@@ -85,20 +86,25 @@ def outside(path: str, text: str) -> set[str]:
 
 
 def gallery() -> str:
-    """Every shipped scene with its picture, if scripts/gallery has made one, and its name."""
+    """Every shipped scene with its picture, which opens the page that plays it, if scripts/gallery has made one."""
     import vlmb
 
     entries = []
     for path in sorted((ROOT / "models").glob("*.toml")):
         name, title = path.stem, html.escape(vlmb.load_scene(path).name)
-        caption = f"{title}<br><code>models/{name}.toml</code>"
-        picture = ""
-        if (PICTURES / f"{name}.png").exists():
-            picture = f'<img src="gallery/{name}.png" alt="{title}">'
-            if (PICTURES / f"{name}.html").exists():
-                picture = f'<a href="gallery/{name}.html">{picture}</a>'
-        entries.append(f"<figure>{picture}<figcaption>{caption}</figcaption></figure>")
+        shown = f'<img src="images/gallery/{name}.jpg" alt="{title}">' if (PICTURES / f"{name}.jpg").exists() else ""
+        if (PLAYERS / f"{name}.html").exists():
+            shown = f'<a href="gallery/{name}.html">{shown}</a>'
+        entries.append(f"<figure>{shown}<figcaption>{title}<br><code>models/{name}.toml</code></figcaption></figure>")
     return '<div class="gallery">\n' + "\n".join(entries) + "\n</div>"
+
+
+def figures() -> str:
+    """Every figure of `vlmb plot` with what its function says of itself."""
+    from vlmb.plots import PLOTS
+
+    rows = [f"| `{name}` | {' '.join((make.__doc__ or '').partition(chr(10) * 2)[0].split())} |" for name, make in PLOTS.items()]
+    return "\n".join(["| figure | |", "| --- | --- |", *rows])
 
 
 def notebook_page(path: Path) -> str:
@@ -113,14 +119,12 @@ def notebook_page(path: Path) -> str:
 
 @cache
 def notebook_outputs() -> dict[int, str]:
-    """Run the notebook, or take the run one that EXECUTED names; return what each code cell shows, as HTML."""
+    """Run the notebook; return what each code cell shows, as HTML."""
     import nbclient
     import nbformat
 
-    executed = os.environ.get(EXECUTED)
-    notebook = nbformat.read(executed or DOCS / f"{NOTEBOOK}.ipynb", as_version=4)
-    if not executed:
-        nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(DOCS / "notebooks")}}).execute()
+    notebook = nbformat.read(DOCS / f"{NOTEBOOK}.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(DOCS / "notebooks")}}).execute()
     shown = {}
     for at, cell in enumerate(notebook.cells):
         if cell.cell_type == "code":

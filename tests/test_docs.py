@@ -1,0 +1,181 @@
+"""The documentation: the site builds without a warning, refers to nothing that is missing, and all code on it runs."""
+
+from __future__ import annotations
+
+import html.parser
+import os
+import posixpath
+import re
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import pytest
+from page_runner import agree, blocks_of, commands_of
+
+import vlmb
+from vlmb.plots import PLOTS
+
+for package in ("mkdocs", "mkdocstrings", "material", "math_core", "nbclient", "nbformat", "ipykernel", "PIL", "meshcat"):
+    pytest.importorskip(package, reason=f"{package} is not installed, so the site cannot be built")
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "models" / "README.md", ROOT / "CONTRIBUTING.md"])
+NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
+LANGUAGES = {"python", "toml", "console", "sh", "text", ""}
+HERE = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "NO_MKDOCS_2_WARNING": "1"}
+
+
+class Found(html.parser.HTMLParser):
+    """What a page of the site holds: anchors, links, loaded files, pictures without a text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: set[str] = set()
+        self.links: list[str] = []
+        self.loads: list[str] = []
+        self.mute: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        self.ids |= {given[name] for name in ("id", "name") if name in given}
+        if tag == "a" and "href" in given:
+            self.links.append(given["href"])
+        self.loads += [given["src"]] if "src" in given else []
+        self.loads += [given["href"]] if tag == "link" and given.get("rel") != "canonical" else []
+        if tag == "img" and not given.get("alt"):
+            self.mute.append(given.get("src", "?"))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    done = subprocess.run(words, cwd=ROOT, env=HERE, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    complaints = [line for line in (done.stdout + done.stderr).splitlines() if re.match(r"(WARNING|ERROR)\b", line)]
+    assert complaints == []
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[str, Found]:
+    """Return the pages of the site by path; the pages that play, and the one for wrong addresses, have no place of their own."""
+    own = [path for path in site.rglob("*.html") if path.relative_to(site).parts[0] not in ("gallery", "404.html")]
+    return {path.relative_to(site).as_posix(): Found(path.read_text("utf-8")) for path in own}
+
+
+# code on the pages -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name, page in zip(NAMES, PAGES, strict=True) if blocks_of(page.read_text("utf-8"))])
+def test_the_code_on_a_page_runs(name: str, tmp_path: Path) -> None:
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    words = [sys.executable, str(ROOT / "tests" / "page_runner.py"), str(ROOT / name)]
+    done = subprocess.run(words, cwd=tmp_path, env=HERE, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, f"{name}:\n{done.stdout}{done.stderr}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_block_is_of_a_kind_that_runs(name: str) -> None:
+    for block in blocks_of((ROOT / name).read_text("utf-8")):
+        assert block.language in LANGUAGES, f"{name}:{block.line}: no runner for {block.language!r}; use one of {LANGUAGES}"
+
+
+def test_the_runner_notices_what_is_wrong(tmp_path: Path) -> None:
+    runner, page = ROOT / "tests" / "page_runner.py", tmp_path / "page.md"
+
+    def complaints(text: str) -> str:
+        page.write_text(text, encoding="utf-8")
+        words = [sys.executable, str(runner), str(page)]
+        done = subprocess.run(words, cwd=tmp_path, env=HERE, capture_output=True, text=True, check=False, timeout=60)
+        assert (done.returncode == 0) == (done.stderr.strip() == "")
+        return done.stderr
+
+    assert complaints("```python\nprint(2.0)\n```\n\n```text\n2.001\n```\n") == ""
+    assert "prints something else" in complaints("```python\nprint(2.0)\n```\n\n```text\n2.1\n```\n")
+    assert "NameError" in complaints("```python\nunknown\n```\n")
+    assert "exit code 1" in complaints("```sh\nvlmb check nothing.toml\n```\n")
+    assert complaints("```console\n$ vlmb check nothing.toml\nvlmb check: nothing.toml: no such scene file\n```\n") == ""
+    assert "SceneError" in complaints('```toml\n[start]\npsi7 = 1.0\n```\n')
+
+
+def test_outputs_are_compared_up_to_the_last_digits() -> None:
+    assert agree("phi 1.000 rad, ... s", "phi 1.004 rad, 0.31 s")
+    assert agree("error 2e-08", "error 7e-09")
+    assert not agree("phi 1.000 rad", "phi 1.02 rad")
+    assert not agree("error 2e-08", "error 2e-02")
+    assert not agree("three links", "four links")
+    (block,) = blocks_of("```console\n$ vlmb check a.toml\nfine\n$ ls\n$ vlmb info a.toml\n```\n")
+    assert commands_of(block) == [("vlmb check a.toml", "fine\n"), ("vlmb info a.toml", None)]
+
+
+# the site ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_link_leads_somewhere(site: Path, pages: dict[str, Found]) -> None:
+    broken = []
+    for name, page in pages.items():
+        for link in [*page.links, *page.loads]:
+            target, anchor = urldefrag(unquote(link))
+            if re.match(r"(https?|mailto|data):", link):
+                continue
+            path = posixpath.normpath(posixpath.join(posixpath.dirname(name), target)) if target else name
+            there = site / path
+            if not (there.is_file() or (there / "index.html").is_file()):
+                broken.append(f"{name}: {link}: no such file")
+            elif anchor and path in pages and anchor not in pages[path].ids and not anchor.startswith("__"):
+                broken.append(f"{name}: {link}: no such anchor")
+    assert broken == []
+    assert sum(len(page.links) for page in pages.values()) > 500
+
+
+def test_the_site_loads_nothing_from_elsewhere(pages: dict[str, Found]) -> None:
+    assert [(name, load) for name, page in pages.items() for load in page.loads if re.match(r"(https?:)?//", load)] == []
+
+
+def test_every_picture_has_a_text(pages: dict[str, Found]) -> None:
+    assert [(name, page.mute) for name, page in pages.items() if page.mute] == []
+
+
+def test_formulas_are_drawn_by_the_browser(site: Path) -> None:
+    theory = (site / "theory.html").read_text("utf-8")
+    assert theory.count("<math") > 50
+    assert not re.search(r'class="arithmatex">\\[(\[]', theory)
+
+
+def test_every_public_name_is_on_the_api_page(site: Path, pages: dict[str, Found]) -> None:
+    known = pages["api.html"].ids
+    for name in set(vlmb.__all__) - {"__version__", "plots", "view"}:
+        entry = getattr(vlmb, name)
+        assert f"{entry.__module__}.{entry.__qualname__}" in known, f"{name} is missing in docs/api.md"
+    for name in ("show", "play", "export_html", "picture"):
+        assert f"vlmb.view.{name}" in known
+    text = (site / "api.html").read_text("utf-8")
+    for name in PLOTS:
+        assert f"<code>{name}</code>" in text, f"the figure {name} is missing in docs/api.md"
+
+
+def test_every_shipped_scene_is_in_the_gallery(site: Path, pages: dict[str, Found]) -> None:
+    scenes = {path.stem for path in (ROOT / "models").glob("*.toml")}
+    pictures = {path.stem for path in (ROOT / "docs" / "images" / "gallery").glob("*.jpg")}
+    advice = "run scripts/gallery --docs, look at the picture, and commit it"
+    assert scenes == pictures, f"{sorted(scenes ^ pictures)}: {advice}"
+    assert {f"images/gallery/{name}.jpg" for name in scenes} <= set(pages["gallery.html"].loads)
+
+
+def test_the_notebook_ran_and_shows_its_results(site: Path) -> None:
+    import nbformat
+
+    notebook = nbformat.read(ROOT / "docs" / "notebooks" / "skier.ipynb", as_version=4)
+    nbformat.validate(notebook)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert all(not cell.outputs and cell.execution_count is None for cell in code), "clear the outputs before committing"
+    page = (site / "notebooks" / "skier.html").read_text("utf-8")
+    shown = page.split('<div class="notebook-output">')[1:]
+    assert len(shown) == len(code) > 5
+    assert sum("data:image/png;base64," in part for part in shown) >= 4
+    assert "energy balance" in page and "<iframe srcdoc=" in page
+    assert "<!-- output" not in page
