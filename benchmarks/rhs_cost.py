@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -155,7 +156,7 @@ def with_driver(mechanism: Mechanism, method: str) -> dict[str, float]:
     state = posture(mechanism, 0)
     scene_start = mechanism.coordinates(state)
     scene = vlmb.Scene.from_dict({**mechanism.scene.to_dict(), "start": _start(mechanism, scene_start)})
-    prepared = Mechanism(**{**vars(mechanism), "scene": scene})
+    prepared = replace(mechanism, scene=scene)
     options = {"method": method, "rtol": 1e-8, "atol": 1e-10}
     duration, best, yardstick = 1e-3, math.inf, math.inf
     while True:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,24 +22,26 @@ from scipy.linalg import lapack
 from vlmb.constrained import SIDEWAYS, ConstrainedSystem
 from vlmb.constraints import RowInfo
 from vlmb.coordinates import Layout, State, read_angles, segment_of
+from vlmb.cuts import LONG_CHAIN, obstacle
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError, nearest
 from vlmb.expressions import Law, time_law
 from vlmb.forces import Actuation, Control, View
 from vlmb.frames import LinkFrames
 from vlmb.mechanism import Mechanism
 from vlmb.scene import Run
-from vlmb.springs import apply_springs, direction_springs, spring_matrix
+from vlmb.springs import apply_springs, direction_springs, free_segments, spring_matrix
+from vlmb.subchains import SubChains
 
 Array = NDArray[np.float64]
 Rhs = Callable[[float, Array], Array]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
-ROUTES = ("recursive", "dense")
+ROUTES = ("recursive", "dense", "subchains")
 TURN = 0.5  # [rad] an azimuth turns no further between two references
 ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
 TINY = 1e-300
 HUGE = 1e200  # a squared acceleration beyond this is no number to go on with
-RECURSIVE_LINKS = 24  # longer chains take the dense route: aba loses digits on them (benchmarks/results/rhs_cost.md)
+RECURSIVE_LINKS = 24  # longer chains take another route: aba loses digits on them (benchmarks/results/rhs_cost.md)
 RECURSIVE_ON_SKI = 12  # shorter ones on a ski too: it asks aba twice
 
 
@@ -85,7 +88,7 @@ class Dynamics:
         self.nq, self.nv = layout.nq, layout.nv
         self.knife_edge = knife_edge if layout.base == "ski" else "none"
         self.gain = gain  # [1/s] Baumgarte: z'' + 2 gain z' + gain^2 z = 0; velocity rows z'' + gain z' = 0
-        springs, self.preload, damped = spring_matrix(mechanism)
+        damped = any(segment.damping > 0.0 for segment, _ in free_segments(mechanism))
         self.direction_springs = direction_springs(mechanism)
         self.damped = damped or any(spring.damping for spring in self.direction_springs)
         self.prescribed = prescribed_segments(mechanism)
@@ -94,30 +97,46 @@ class Dynamics:
         view = None if control is None or start is None else View(mechanism, 0.0, start.q, start.v, None)
         self.actuation = Actuation(mechanism, self.frames, control, view)
         held = self.knife_edge in ("multiplier", "projection")
-        self.system = ConstrainedSystem(mechanism, self.frames, run or mechanism.scene.run, held, gain)
+        self.system = ConstrainedSystem(mechanism, self.frames, run or mechanism.scene.run, held, gain, self.known)
         self.reference: list[float] = [0.0] * len(layout.names)  # coordinates of the last accepted sample
         rows = self.system.rows
         self.angled = self._angled()
         self.lost = 0.0  # power in the direction dampers [W]
         self.evaluations = 0
         programme = self.system.programme
-        names = list(programme.names) if programme else []
+        names = [*(programme.names if programme else ()), *self.system.working_names]
         names += [channel.name for channel in self.actuation.channels] + [at.force for at in self.prescribed]
         self.work_names = (*dict.fromkeys(names), *(("dissipation",) if self.damped else ()))
         self.size = self.nq + self.nv + len(self.work_names)
-        self.springs = np.zeros((self.nv, self.size))
-        self.springs[:, : self.nq + self.nv] = springs
         springs_alone = not (
             self.actuation.channels or self.direction_springs or self.prescribed or self.damped or rows is not None
         )
         if route is None:
             fewest = {"none": 0, "reduction": RECURSIVE_ON_SKI}.get(self.knife_edge, RECURSIVE_LINKS + 1)
             light = springs_alone and fewest <= len(layout.links) <= RECURSIVE_LINKS
-            route = "recursive" if light else "dense"
+            free = control is None and self.knife_edge in ("none", "reduction") and obstacle(mechanism.scene) is None
+            long = free and len(layout.links) > LONG_CHAIN
+            route = "subchains" if long else "recursive" if light else "dense"
         if route == "recursive" and not (springs_alone and self.knife_edge in ("none", "reduction")):
             raise SceneError("the recursive route serves undamped springs and the reduced knife edge only; use 'dense'")
+        if route == "subchains" and (control is not None or self.knife_edge not in ("none", "reduction")):
+            raise SceneError("the route 'subchains' serves springs, dampers and the reduced knife edge only; use 'dense'")
         self.route = route
-        self.rhs: Rhs = self._recursive() if route == "recursive" else self._dense()
+        self.subchains = SubChains(mechanism) if route == "subchains" else None
+        made = {"recursive": self._recursive, "dense": self._dense, "subchains": self._cut}
+        self.rhs: Rhs = made[route]()
+
+    @cached_property
+    def springs(self) -> Array:
+        """Matrix (nv, size) of the segment springs: tau = springs y + preload."""
+        springs = np.zeros((self.nv, self.size))
+        springs[:, : self.nq + self.nv] = spring_matrix(self.mechanism)[0]
+        return springs
+
+    @cached_property
+    def preload(self) -> Array:
+        """Forces (nv,) of the segment springs at length 0."""
+        return spring_matrix(self.mechanism)[1]
 
     def pack(self, state: State) -> Array:
         """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""
@@ -186,7 +205,7 @@ class Dynamics:
             reactions = dict(zip(texts, (multipliers * shares).tolist(), strict=False))
             ideal = multipliers @ values.jacobian[: system.ideal]
         if system.programme is not None:
-            tau += system.controls @ system.write_columns(self.reference)
+            tau += system.forces()
             for name, value in zip(system.programme.names, system.controls.tolist(), strict=True):
                 controls[name] = controls.get(name, 0.0) + value
         missing = pin.rnea(model, data, q, v, vdot) - tau - ideal
@@ -259,6 +278,31 @@ class Dynamics:
 
         return rhs
 
+    def _cut(self) -> Rhs:
+        """Sub-chains: every piece a model of its own, joined by the forces in the cut hinges."""
+        model, nq, end, chains = self.mechanism.model, self.nq, self.nq + self.nv, self.subchains
+        normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)
+        qdot, vdot, sliding = dy[:nq], dy[nq:end], self.knife_edge == "reduction"
+        assert chains is not None
+
+        def rhs(t: float, y: Array) -> Array:
+            self.evaluations += 1
+            raw, v = y[:nq], y[nq:end]
+            q = normalize(model, raw)
+            vdot[:] = chains.accelerations(q, v)
+            if not vdot.dot(vdot) < HUGE:
+                raise self.not_finite(q, v, chains.springs(q, v))
+            qdot[:] = product(model, raw, v)
+            if sliding:
+                norm = math.hypot(y.item(2), y.item(3))
+                dy[0] /= norm
+                dy[1] /= norm
+            if self.damped:
+                dy[-1] = chains.dissipation(v)
+            return dy
+
+        return rhs
+
     def _dense(self) -> Rhs:
         """CRBA, nonlinear effects and a LAPACK Cholesky in place.
 
@@ -305,11 +349,11 @@ class Dynamics:
             if known:
                 flat[crossed] = identity
             if constrained:
-                answer = system.solve(t, q, v, b, known, self.reference)
+                answer = system.solve(t, q, v, b, accelerations if prescribed else None, self.reference)
                 if answer is None:
                     raise self.singular(q)
                 if prescribed:
-                    missing -= system.generalized()
+                    missing -= system.on_known()
             else:
                 _, answer, info = dposv(mass, b, overwrite_a=1, overwrite_b=1)
                 if info:
@@ -341,13 +385,13 @@ class Dynamics:
         dampers = -np.diag(self.springs[:, self.nq : start]).copy()
         slots = [start + names.index(channel.name) for channel in actuation.channels]
         system = self.system
-        controlled = len(system.controls)  # their work states come first
+        controlled = system.acting + len(system.working)  # their work states come first
         driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
 
         def powers(v: Array, vdot: Array, rows: Array, missing: Array, dy: Array) -> None:
             dy[start:] = 0.0
             if controlled:
-                dy[start : start + controlled] = system.columns.dot(v) * system.controls
+                dy[start : start + controlled] = system.powers(v)
             if slots:
                 for slot, value, rate in zip(slots, actuation.values, actuation.columns.dot(v), strict=True):
                     dy[slot] += value * rate
@@ -375,7 +419,12 @@ class Dynamics:
         return found | {c.link for c in self.layout.coordinates if c.kind in ("phi", "psi") and c.name in read}
 
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
-        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion."""
+        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
+
+        Of sub-chains, that of the worst piece.
+        """
+        if self.subchains is not None:
+            return self.subchains.conditioning(pin.normalize(self.mechanism.model, q))
         mass = np.array(pin.crba(self.mechanism.model, self.mechanism.data, pin.normalize(self.mechanism.model, q)))
         if not np.isfinite(mass).all():
             return math.inf, ["every coordinate"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +19,40 @@ class LinkFrames:
     """Live view of link directions and Jacobians in `pinocchio.Data`, valid after crba in WORLD convention."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        layout = mechanism.layout
-        self.layout = layout
-        self.angular = mechanism.data.J[3:6]  # (3, nv), axes of all velocities in the surface frame
-        self.supports = np.zeros((len(layout.links), layout.nv))  # 1 where a velocity turns the link
-        turning = np.zeros(layout.nv)
+        self.mechanism, self.layout = mechanism, mechanism.layout
+        self.balls = np.array([link.v for link in self.layout.links], dtype=np.intp)
+
+    @cached_property
+    def angular(self) -> Array:
+        """Axes of all velocities in the surface frame (3, nv)."""
+        angular: Array = self.mechanism.data.J[3:6]
+        return angular
+
+    @cached_property
+    def axes(self) -> list[Array]:
+        """Rotations of the links' hinges."""
+        return [self.mechanism.data.oMi[link.joint].rotation for link in self.layout.links]
+
+    @cached_property
+    def ski(self) -> Array:
+        """Rotation of the ski; the identity for another base."""
+        ski: Array = self.mechanism.data.oMi[1].rotation if self.layout.base == "ski" else np.eye(3)
+        return ski
+
+    @cached_property
+    def supports(self) -> Array:
+        """1 where a velocity turns a link (n, nv)."""
+        layout = self.layout
+        supports, turning = np.zeros((len(layout.links), layout.nv)), np.zeros(layout.nv)
         if layout.base == "ski":
             turning[2] = 1.0
         width = 1 if layout.plane else 3
         for i in range(len(layout.links)):
-            self.supports[i] = turning
+            supports[i] = turning
             for k in layout.path(i):
                 at = layout.links[k].v
-                self.supports[i, at : at + width] = 1.0
-        self.balls = np.array([link.v for link in layout.links], dtype=np.intp)
-        self.axes = [mechanism.data.oMi[link.joint].rotation for link in layout.links]
-        self.ski = mechanism.data.oMi[1].rotation if layout.base == "ski" else np.eye(3)
+                supports[i, at : at + width] = 1.0
+        return supports
 
     def direction(self, i: int) -> Vector:
         """d_i in the surface frame."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import pinocchio as pin
 
 from vlmb import coordinates as chart
 from vlmb.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
+from vlmb.cuts import LONG_CHAIN, obstacle
 from vlmb.display import Displayed
 from vlmb.errors import SceneError, VlmbError
 from vlmb.expressions import evaluate, parse
@@ -35,7 +37,6 @@ class Mechanism(Displayed):
 
     scene: Scene
     model: Any  # pinocchio.Model
-    data: Any  # pinocchio.Data
     layout: Layout
     frames: Mapping[str, int]  # "legs.tip" -> frame id
     left_out: tuple[str, ...]
@@ -43,6 +44,18 @@ class Mechanism(Displayed):
 
     def __repr__(self) -> str:
         return f"<Mechanism of {self.scene.name!r}: {' '.join(self.coordinate_names)}>"
+
+    @cached_property
+    def data(self) -> Any:
+        """Scratch space, a pinocchio.Data, made when first asked for: a chain cut into sub-chains runs without it.
+
+        Raises VlmbError where it does not fit in memory.
+        """
+        _refuse_what_does_not_fit(self.model.nv)
+        data = pin.Data(self.model)
+        if not self.model.check(data):
+            raise VlmbError("internal: joints are not depth-first; crba would be wrong")
+        return data
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -77,16 +90,13 @@ class Mechanism(Displayed):
 def build(scene: Scene) -> Mechanism:
     """Generate the Pinocchio model of a scene.
 
-    Raises SceneError where the scene has a motion without mass, VlmbError where the model does not fit in memory.
+    Raises SceneError where the scene has a motion without mass, VlmbError where the model does not fit in memory. A chain
+    that runs as sub-chains need not fit, except on a ski, whose snow forces and falls are of the one model.
     """
     builder = _Builder(scene)
-    _refuse_what_does_not_fit(builder.model.nv)
-    data = pin.Data(builder.model)
-    if not builder.model.check(data):
-        raise VlmbError("internal: joints are not depth-first; crba would be wrong")
-    return Mechanism(
-        scene, builder.model, data, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings)
-    )
+    if scene.base.kind == "ski" or len(scene.links) <= LONG_CHAIN or obstacle(scene) is not None:
+        _refuse_what_does_not_fit(builder.model.nv)
+    return Mechanism(scene, builder.model, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings))
 
 
 class _Builder:

@@ -28,6 +28,7 @@ from vlmb.scene import DEFAULT_STEP, Run, Scene
 from vlmb.springs import spring_energy
 from vlmb.start import Start
 from vlmb.storage import read_arrays, write_arrays, write_columns
+from vlmb.subchains import chain_energies
 
 Array = NDArray[np.float64]
 
@@ -167,7 +168,7 @@ class Trajectory(Displayed):
     @cached_property
     def controls(self) -> Mapping[str, Array]:
         """Applied forces and the forces of prescribed segments by name, (N,) [N, N m]."""
-        names = tuple(name for name in self._dynamics.work_names if name != "dissipation")
+        names = tuple(n for n in self._dynamics.work_names if n not in ("dissipation", *self._dynamics.system.names))
         return _Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
@@ -287,13 +288,15 @@ class Trajectory(Displayed):
 
     @cached_property
     def _energies(self) -> dict[str, Array]:
-        model, data = self.mechanism.model, self.mechanism.data
-        kinetic = np.array([pin.computeKineticEnergy(model, data, q, v) for q, v in zip(self.q, self.v, strict=True)])
-        potential = np.array([pin.computePotentialEnergy(model, data, q) for q in self.q])
-        spring = spring_energy(self.mechanism, self.q)
-        dynamics = self._dynamics
+        dynamics, spring = self._dynamics, spring_energy(self.mechanism, self.q)
+        if dynamics.subchains is not None:
+            kinetic, potential = chain_energies(self.mechanism, self.q, self.v)
+        else:
+            model, data = self.mechanism.model, self.mechanism.data
+            kinetic = np.array([pin.computeKineticEnergy(model, data, q, v) for q, v in zip(self.q, self.v, strict=True)])
+            potential = np.array([pin.computePotentialEnergy(model, data, q) for q in self.q])
         for i in range(len(self) if dynamics.direction_springs else 0):
-            pin.crba(model, data, self.q[i], pin.Convention.WORLD)
+            pin.crba(self.mechanism.model, self.mechanism.data, self.q[i], pin.Convention.WORLD)
             spring[i] += sum(entry.energy(dynamics.frames) for entry in dynamics.direction_springs)
         total = kinetic + potential + spring
         work, lost = np.zeros(len(self)), np.zeros(len(self))
