@@ -7,11 +7,9 @@ by chance.
 from __future__ import annotations
 
 import gc
-import importlib.metadata
 import json
 import math
 import os
-import platform
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -32,16 +30,9 @@ CLOCK = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-6
 
 def footer(packages: Sequence[str] = PACKAGES) -> str:
     """One line: machine, system, and versions of Python and of the packages that are installed."""
-    versions = []
-    for name in packages:
-        try:
-            versions.append(f"{name} {importlib.metadata.version(name)}")
-        except importlib.metadata.PackageNotFoundError:
-            versions.append(f"{name} not installed")
-    system = f"{platform.system()} {platform.machine()}"
-    threads = os.environ.get("OMP_NUM_THREADS", "?")
-    python = f"Python {platform.python_version()}"
-    return f"{_processor()}, {os.cpu_count()} cores, {threads} BLAS thread; {system}; {python}, {', '.join(versions)}."
+    from vlmb.bench import footer
+
+    return footer(packages)
 
 
 def fastest(function: Callable[[], object], repeats: int = 20, number: int | None = None) -> float:
@@ -110,17 +101,6 @@ def _batch(function: Callable[[], object], number: int) -> float:
     for _ in range(number):
         function()
     return (CLOCK() - start) / number
-
-
-def _processor() -> str:
-    try:
-        with Path("/proc/cpuinfo").open(encoding="utf-8") as lines:
-            for line in lines:
-                if line.startswith("model name"):
-                    return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
 
 
 def _plain(value: Any) -> Any:

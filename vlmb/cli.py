@@ -1,4 +1,4 @@
-"""The command line: vlmb run | info | check | matrices | plot | view.
+"""The command line: vlmb run | info | check | matrices | plot | view | bench.
 
 Exit codes: 0 done, 1 failed or refused, 2 wrong usage.
 """
@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from vlmb import matrices, view
+from vlmb import bench, matrices, view
 from vlmb._version import __version__
 from vlmb.errors import VlmbError
 from vlmb.integrate import METHODS
@@ -72,10 +72,12 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("scene", help="scene file (.toml)")
     checked = command("check", "validate a scene without running it", _check)
     checked.add_argument("scene", help="scene file (.toml)")
-    blocks = command("matrices", "print the blocks of the equations of motion (4.1) at a posture", matrices.run)
+    blocks = command("matrices", "print the blocks of the equations of motion (4.1) at a posture, without the scene's forces and constraints", matrices.run)
     matrices.add_arguments(blocks)
     seen = command("view", "show a scene or play a run in the browser, or write it as html, pictures or a gif", view.run)
     view.add_arguments(seen)
+    measured = command("bench", "measure error against CPU time of every method and form of the knife edge", bench.run)
+    bench.add_arguments(measured)
     plot = command("plot", "draw the plots of stored runs; several runs share one figure", _plot)
     plot.add_argument("runs", nargs="+", help="stored runs (.npz)")
     plot.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")

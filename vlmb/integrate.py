@@ -155,9 +155,9 @@ def short_run(rhs: Rhs, t: float, y: Array, end: float, rtol: float, atol: float
 class Multistep:
     """VODE: variable-order Adams-Moulton with functional iteration, or BDF with Newton's; compiled, in SciPy.
 
-    SciPy warns when VODE gives up; callers silence that around a whole run, since `advance` raises what it is about and silencing
-    each look would cost as much as the look. Its interpolant reaches back one step, so a step may pass the requested time; `end` is met by a short DOP853 run where
-    the right-hand side must not be asked beyond it (a law's break point).
+    Its interpolant reaches back one step, so a step may pass the requested time; `end` is met by a short DOP853 run where
+    the right-hand side must not be asked beyond it (a law's break point). SciPy warns when VODE gives up; callers silence that
+    around a whole run: `advance` raises what it is about, and silencing each look would cost as much as the look.
     """
 
     busy = False  # VODE remembers one right-hand side for the whole process
@@ -205,6 +205,8 @@ class Multistep:
             y = np.array(self.solver.integrate(t, step=one_step))
         except UserWarning:  # where warnings are errors, the solver has not noted that it gave up
             self.solver._integrator.success = 0
+        except RuntimeError:  # SciPy before 1.17: another run has taken VODE's one memory since
+            raise SimulationError(INTERLEAVED) from None
         finally:
             Multistep.busy = False
         self.guarded.check(self.solver)
@@ -253,6 +255,10 @@ class OneStep:
         return np.array(self.dense(t))
 
 
+INTERLEAVED = (
+    "another run by adams or bdf began before this one ended, and this SciPy has room for one: end one first, use "
+    "method = 'dop853' for one of them, or SciPy 1.17 or later"
+)
 STUCK = "the steps became too small to go on: the motion is too stiff, or singular, here"
 
 

@@ -87,7 +87,6 @@ class Chain:
     phi0_dot: float
     speed: float
     links: tuple[ChainLink, ...]
-    duration: float
 
 
 def read_chain(scene: dict[str, Any]) -> Chain:
@@ -115,7 +114,7 @@ def read_chain(scene: dict[str, Any]) -> Chain:
         read.base.kind == "ski", read.base.mass, read.base.inertia, read.base.com_offset,
         (pull * math.sin(read.slope), 0.0, -pull * math.cos(read.slope)),
         *(start.get(name, 0.0) for name in ("x", "y", "phi0", "phi0_dot", "speed")),
-        tuple(links), read.run.duration,
+        tuple(links),
     )  # fmt: skip
 
 

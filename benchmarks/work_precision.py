@@ -1,0 +1,276 @@
+"""Work and precision of the committed scenes: every method, every form of the knife edge, and other engines in the same turns.
+
+Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N] [--peers]
+
+Without arguments all scenes are measured and benchmarks/results is written. The plain Pinocchio loop always takes part; other
+engines with `--peers`, where installed (`pip install vlmb[benchmarks]`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+from common import CLOCK, RESULTS, save_figure, write_report
+
+# isort: split
+import numpy as np
+from peers.chain import Outcome, UnsupportedError
+
+from vlmb.bench import COSTS, ERRORS, as_data, draw, legend, section, table
+from vlmb.mechanism import build
+from vlmb.scene import Scene, load_scene
+from vlmb.simulate import simulate
+from vlmb.style import BLACK, GREY, PALETTE
+from vlmb.work_precision import TIGHT, Array, Measured, Motion, cost_at, measure, observe
+
+MODELS = RESULTS.parents[1] / "models"
+FINE = tuple(10.0 ** -(k / 2) for k in range(4, 25))
+TARGETS = {"one link": (0.40, 0.30, 0.33), "two links": (0.30, 0.30, 0.33), "skier, spring link": (0.30, 0.24, 0.35)}
+PEERS = ("mujoco", "exudyn", "drake", "sympy", "casadi")
+BASELINE = "plain_pinocchio"
+SAMPLED = 60.0  # [1/s] of the second comparison with the baseline
+
+LEG = {"rod": {"length": 0.5, "mass": 30.0}, "tip_mass": 40.0, "name": "legs"}
+SKIER = {
+    "base": {"kind": "ski", "mass": 5.0, "inertia": 0.6}, "slope": 0.2,
+    "links": [{**LEG, "lower": {"length": 0.25, "stiffness": 2e4}, "upper": {"length": 0.2, "stiffness": 1.5e4}}],
+    "start": {"phi0": 0.46, "phi0_dot": 0.5, "phi1": 1.9, "psi1": 1.25, "psi1_dot": 0.3, "speed": 8.0},
+    "run": {"fall": False},
+}  # fmt: skip
+FIFTY = {"rod": {"length": 0.06, "mass": 0.15}, "tip_mass": 0.05, "lower": {"length": 0.02, "stiffness": 5e4},
+         "upper": {"length": 0.02, "stiffness": 5e4}}  # fmt: skip
+
+
+def model(name: str, **changes: Any) -> dict[str, Any]:
+    """Read a scene of models/ as a dict."""
+    return {**load_scene(MODELS / f"{name}.toml").to_dict(), "expect": {}, **changes}
+
+
+def scenes() -> dict[str, tuple[dict[str, Any], float, dict[str, Any]]]:
+    """Scenes, durations [s] and options of `measure`."""
+    one = model("one_link")
+    return {
+        "one link": (one, 5.0, {}),
+        "two links": (model("two_links"), 3.0, {}),
+        "eight links": (model("chain"), 2.0, {}),
+        "fifty links": (
+            {"base": {"kind": "pivot"}, "links": [FIFTY] * 50, "start": {"psi1": 0.3}}, 0.5,
+            {"methods": ["rk4", "dop853", "adams"], "repeats": 1, "budget": 3.0},
+        ),
+        "skate on a slope": (model("skate_on_slope"), 10.0, {"exact": skate}),
+        "skier, spring link": (SKIER, 1.0, {}),
+        "programme skier": (model("skier_slalom"), 2.0, {"repeats": 2}),
+        "stiff skier": (model("stiff_skier"), 1.0, {"repeats": 2, "methods": ["rk4", "dop853", "adams", "bdf", "radau"]}),
+        "one link, 60 s": (one, 60.0, {"repeats": 1, "budget": 3.0}),
+    }  # fmt: skip
+
+
+def skate(t: Array) -> Motion:
+    """Exact motion of models/skate_on_slope.toml: x = G sin^2(wt)/(2 w^2), y = G (wt - sin(2wt)/2)/(2 w^2), R = 2 m G sin(wt)."""
+    m, w, slope, g = 75.0, 1.5, 0.3, 9.81
+    pull, turn, zero = g * math.sin(slope), w * t, np.zeros(len(t))
+    x, y = pull * np.sin(turn) ** 2 / (2 * w**2), pull * (turn - np.sin(2 * turn) / 2) / (2 * w**2)
+    snow = np.column_stack([zero, 2 * m * pull * np.sin(turn), zero + m * g * math.cos(slope)])
+    heading = np.column_stack([np.cos(turn), np.sin(turn), zero])
+    return Motion(np.column_stack([x, y, zero])[:, None], heading[:, None], snow[:, None])
+
+
+class Rival:
+    """Another engine on one scene: errors of its settings, and a timed run."""
+
+    def __init__(self, label: str, run: Callable[[float], Outcome], settings: tuple[float, ...], truth: Array, budget: float) -> None:
+        self.label, self.run, self.truth = label, run, truth
+        self.errors: dict[float, float] = {}
+        self.evaluations: dict[float, int | None] = {}
+        self.failures: list[str] = []
+        for setting in settings:  # the warm-up
+            began = CLOCK()
+            try:
+                outcome = run(setting)
+            except (ArithmeticError, RuntimeError, ValueError) as error:
+                self.failures.append(f"{label} at {setting:.2g}: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
+                continue
+            error_now = float(np.linalg.norm(outcome.points - self.truth, axis=1).max())
+            self.errors[setting] = error_now if math.isfinite(error_now) else math.inf
+            self.evaluations[setting] = outcome.evaluations
+            if CLOCK() - began > budget:
+                break
+
+    def timed(self, setting: float) -> float:
+        """Processor seconds of one run."""
+        began = CLOCK()
+        self.run(setting)
+        return CLOCK() - began
+
+
+def ours(scene: dict[str, Any], duration: float, samples: bool) -> tuple[tuple[float, ...], Callable[[float], float], dict[float, float]]:
+    """The default method at the baseline's tolerances: its timed run and its errors."""
+    mechanism = build(Scene.from_dict(scene))
+    when = times_of(duration, samples)
+    truth = end_of(simulate(mechanism, duration, TIGHT[0][0], TIGHT[0][1], atol=0.1 * TIGHT[0][1], t_eval=[duration]))
+
+    def run(rtol: float) -> Any:
+        return simulate(mechanism, duration, rtol=rtol, atol=0.1 * rtol, t_eval=when, method="adams")
+
+    errors = {rtol: float(np.linalg.norm(end_of(run(rtol)) - truth, axis=1).max()) for rtol in FINE}
+    return FINE, lambda rtol: float(run(rtol).stats["cpu_time"]), errors
+
+
+def times_of(duration: float, samples: bool) -> list[float]:
+    """Return the end alone, or 60 times a second."""
+    return np.linspace(0.0, duration, round(SAMPLED * duration) + 1).tolist() if samples else [duration]
+
+
+def end_of(trajectory: Any) -> Array:
+    """Points at the end (k, 3): the ski's point A or the pivot, then the tips."""
+    points = observe(trajectory).points[-1]
+    return points if trajectory.mechanism.layout.base == "ski" else np.vstack([np.zeros(3), points])
+
+
+def one_scene(name: str, repeats: int | None, peers: bool) -> tuple[Measured, dict[str, Any]]:
+    """Measure one scene and its rivals."""
+    scene, duration, options = scenes()[name]
+    scene = {**scene, "name": name, "run": {**scene.get("run", {}), "duration": duration}}
+    options = {**options, **({"repeats": repeats} if repeats else {})}
+    truth = end_of(simulate(Scene.from_dict(scene), duration, TIGHT[0][0], TIGHT[0][1], atol=0.1 * TIGHT[0][1], t_eval=[duration]))
+    rivals: dict[str, Rival] = {}
+    notes: list[str] = []
+    for peer in (BASELINE, *(PEERS if peers else ())):
+        try:
+            module = importlib.import_module(f"peers.{peer}")
+            for label, (settings, run) in module.prepare(scene, duration).items():
+                rivals[label] = Rival(label, run, settings, truth, options.get("budget", 1.0))
+                notes += rivals[label].failures
+        except ImportError as error:
+            notes.append(f"{peer}: not installed ({error.name})")
+        except UnsupportedError as error:
+            notes.append(f"{peer}: {error}")
+    runs = {label: (tuple(rival.errors), rival.timed) for label, rival in rivals.items()}
+    own: dict[str, dict[float, float]] = {}
+    if rivals:
+        for label, sampled in (("vlmb", False), ("vlmb, sampled", True)):
+            settings, run, own[label] = ours(scene, duration, sampled)
+            runs[label] = (settings, run)
+    found, seconds = measure(Scene.from_dict(scene), duration, rivals=runs, progress=lambda text: None, **options)
+    points = {
+        label: [(seconds[label][s], (rivals[label].errors if label in rivals else own[label])[s], s) for s in seconds[label]]
+        for label in runs
+    }
+    return found, {"points": points, "notes": notes}
+
+
+def ratio_rows(name: str, points: dict[str, list[Any]], base: str, base_sampled: str) -> list[list[str]]:
+    """Times over the baseline's with the same outputs, and whether a target is met."""
+    rows = []
+    for label, values in points.items():
+        if label in (base, base_sampled):
+            continue
+        other = base_sampled if label.endswith("sampled") else base
+        row = [f"{name}: {label}"]
+        for k, error in enumerate(ERRORS):
+            mine = cost_at([value[:2] for value in values], error)
+            ratio = mine / cost_at([value[:2] for value in points[other]], error)
+            target = TARGETS.get(name, (None, None, None))[k] if label.startswith("vlmb") else None
+            verdict = "" if target is None or math.isnan(ratio) else f" ({'met' if ratio <= target else 'missed'}: {target:.2f})"
+            row += ["-" if math.isnan(ratio) else f"{ratio:.2f}{verdict}"]
+        rows.append(row)
+    return rows
+
+
+def page(found: dict[str, tuple[Measured, dict[str, Any]]]) -> str:
+    """Write the report."""
+    rows, notes = [], []
+    for name, (_, extra) in found.items():
+        if extra["points"]:
+            rows += ratio_rows(name, extra["points"], "plain loop", "plain loop, sampled")
+        notes += [f"* {name}: {note}" for note in extra["notes"]]
+    header = ["scene: engine", *(f"{error:g} m" for error in ERRORS)]
+    return "\n".join(
+        [
+            "# Work and precision",
+            "",
+            "Errors against processor time, right-hand sides and steps. Setup is excluded, runs are taken in turn, the fastest of the "
+            "repeats counts. atol = rtol / 10 everywhere.",
+            "",
+            "![final position error against time](work_precision.png)",
+            "",
+            "## Time over the plain Pinocchio loop",
+            "",
+            "Time to a final position error, divided by the time of a plain Pinocchio loop with quaternions and SciPy's DOP853 "
+            "(`benchmarks/peers/plain_pinocchio.py`). Both give the same outputs: the end alone, or (*sampled*) "
+            f"{SAMPLED:g} samples a second. In brackets the target and whether it is met.",
+            "",
+            table(header, rows),
+            "",
+            *notes,
+            "",
+            *(f"{section(entry)}\n" for entry, _ in found.values()),
+            "![forms of the knife edge](work_precision_knife_edge.png)",
+            "",
+            "![right-hand sides](work_precision_evaluations.png)",
+            "",
+            "![steps](work_precision_steps.png)",
+        ]
+    )
+
+
+def pictures(found: dict[str, tuple[Measured, dict[str, Any]]]) -> None:
+    """Draw error against each cost for all scenes, and the forms of the knife edge on the skier."""
+    for cost in COSTS:
+
+        def grid(figure: Any, cost: str = cost) -> None:
+            axes = list(np.ravel(figure.subplots(math.ceil(len(found) / 3), 3, squeeze=False)))
+            for panel, (entry, extra) in zip(axes, found.values(), strict=False):
+                draw(panel, entry, cost)
+                if cost == "seconds":
+                    others = [label for label in extra["points"] if not label.startswith("vlmb") and "sampled" not in label]
+                    for k, label in enumerate(others):
+                        line = sorted((a, max(b, 1e-16)) for a, b, _ in extra["points"][label] if math.isfinite(b))
+                        colour = BLACK if k == 0 else (GREY, *PALETTE)[k % 7]
+                        panel.loglog(*zip(*line, strict=True), color=colour, linestyle="--", linewidth=1.1, label=label)
+            for panel in axes[len(found) :]:
+                panel.remove()
+            legend(figure, axes[: len(found)])
+
+        save_figure("work_precision" + ("" if cost == "seconds" else f"_{cost}"), grid, 11.0, 3.2 * math.ceil(len(found) / 3) + 0.6)
+
+    def forms(figure: Any) -> None:
+        axes = list(figure.subplots(1, 3))
+        entry = found["skier, spring link"][0]
+        kept = [e for e in entry.entries if e.variant.method == "adams"]
+        only = Measured(entry.name, entry.duration, entry.reference, entry.uncertainty, kept, [])
+        for panel, quantity in zip(axes, ("position", "reaction", "energy"), strict=True):
+            draw(panel, only, "seconds", quantity, forms=True)
+        legend(figure, axes)
+
+    if "skier, spring link" in found:
+        save_figure("work_precision_knife_edge", forms, 11.0, 3.8)
+
+
+def main() -> None:
+    """Measure; write reports and pictures when all scenes were measured."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", help=f"default: all of {', '.join(scenes())}")
+    parser.add_argument("--repeats", type=int, default=None)
+    parser.add_argument("--peers", action="store_true", help="other engines too, where installed")
+    args = parser.parse_args()
+    found = {}
+    for name in args.scenes or scenes():
+        found[name] = one_scene(name, args.repeats, args.peers)
+        print(f"{name}: done", flush=True)
+    text = page(found)
+    print(re.sub(r"!\[.*\n", "", text))
+    if not args.scenes:
+        pictures(found)
+        data = {name: {**as_data(entry), **extra} for name, (entry, extra) in found.items()}
+        packages = ("pin", "numpy", "scipy", *(("mujoco", "exudyn", "drake", "sympy", "casadi") if args.peers else ()))
+        write_report("work_precision", text, data, packages)
+
+
+if __name__ == "__main__":
+    main()
