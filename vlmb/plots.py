@@ -9,21 +9,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.coordinates import Coordinate
 from vlmb.errors import VlmbError, nearest
+from vlmb.panels import (
+    ZERO,
+    Panel,
+    all_coordinates,
+    colour_number,
+    hinge_reader,
+    mapped_reader,
+    reader,
+    residual_reader,
+    stacked,
+)
 from vlmb.paths import Runs, listed, path
+from vlmb.programme_plots import deviations, power, strengths
 from vlmb.style import Series, calm, draw, empty_figure, finish, legend_beside, new_figure, style, styled
-from vlmb.symbols import force_symbol, group_symbol, plain, symbol, unit
-from vlmb.trajectory import Trajectory
+from vlmb.symbols import force_symbol, group_symbol, short, symbol, unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-Panel = tuple[str, list[Series]]  # label of the y axis, lines
 
 DPI = 130
-ZERO = 1e-18  # where an exact zero, and anything smaller than this, is drawn on a log axis
 KINDS = (("x", "y", "z"), ("phi0", "phi"), ("psi",), ("xi",))
 
 
@@ -73,7 +81,7 @@ def residuals(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     panels: list[Panel] = []
     for level in ("position", "velocity"):
         lines = [
-            Series("knife edge" if name == "knife_edge" else plain(name), i, residual_reader(name, level))
+            Series("knife edge" if name == "knife_edge" else short(name), i, residual_reader(name, level))
             for i, name in enumerate(names)
         ]
         lines = [line for line in lines if any(line.read(run) is not None for run in runs)]
@@ -105,7 +113,7 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 
     def lines(which: Iterable[str]) -> list[Series]:
         return [
-            Series(name.replace("_", " ") if name in names[:4] else plain(name), i - 1, mapped_reader("reactions", name))
+            Series(name.replace("_", " ") if name in names[:4] else short(name), i - 1, mapped_reader("reactions", name))
             for i, name in enumerate(which)
         ]
 
@@ -129,25 +137,18 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 
 @styled
 def controls(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
-    """Draw the applied forces and moments, the forces of prescribed segments, and their power."""
+    """Draw the applied forces and moments, and the forces of prescribed segments."""
     runs = listed(trajectory)
     names = list(dict.fromkeys(name for run in runs for name in run.controls))
     if not names:
         return empty_figure(runs, "Controls", "the scene has no controls")
-    numbers = {name: i for i, name in enumerate(names)}
-
-    def lines(which: Iterable[str], power: bool = False) -> list[Series]:
-        return [
-            Series(force_symbol(name), numbers[name], power_reader(name) if power else mapped_reader("controls", name))
-            for name in which
-        ]
-
     moments = [name for name in names if name[0] in "MT"]
     forces = [name for name in names if name not in moments]
     panels: list[Panel] = []
     for what, group, newton in (("force", forces, "N"), ("moment", moments, "N m")):
-        panels += [(f"{force_symbol(group[0]) if len(group) == 1 else what} [{newton}]", lines(group))] if group else []
-    return stacked(runs, "Controls", [*panels, ("power [W]", lines(names, power=True))], labels, by_link=False)
+        lines = [Series(force_symbol(name), names.index(name), mapped_reader("controls", name)) for name in group]
+        panels += [(f"{force_symbol(group[0]) if len(group) == 1 else what} [{newton}]", lines)] if group else []
+    return stacked(runs, "Controls", panels, labels, by_link=False)
 
 
 @styled
@@ -176,7 +177,8 @@ def phase(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 
 PLOTS: dict[str, Callable[..., Figure]] = {
     "coordinates": coordinates, "path": path, "energy": energy, "residuals": residuals,
-    "reactions": reactions, "controls": controls, "phase": phase,
+    "reactions": reactions, "controls": controls, "power": power, "deviations": deviations, "strengths": strengths,
+    "phase": phase,
 }  # fmt: skip
 
 
@@ -206,94 +208,3 @@ def save_all(
             figure.savefig(folder / f"{name}.png", dpi=DPI)
         written.append(folder / f"{name}.png")
     return written
-
-
-def stacked(
-    runs: Sequence[Trajectory], title: str, panels: Sequence[Panel], labels: Sequence[str] | None,
-    heights: Sequence[float] | None = None, by_link: bool = True, zero_line: Sequence[str] = (), legends_above: bool = False,
-) -> Figure:  # fmt: skip
-    """Draw panels over a common time axis."""
-    figure = new_figure(runs, 9.0, 1.0 + 1.9 * (sum(heights) if heights else len(panels)), title)
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    for ax, (name, lines) in zip(axes, panels, strict=True):
-        links = None if by_link else 1 + max((line.link for line in lines), default=0)
-        draw(ax, runs, lines, links=links, by_run=all(len(entries) == 1 for _, entries in panels))
-        ax.set_ylabel(name)
-        if name.startswith(tuple(zero_line)) and zero_line:
-            ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5)
-        legend_beside(ax, above=legends_above)
-    axes[-1].set_xlabel("$t$ [s]")
-    figure.align_ylabels()
-    return finish(figure, runs, labels, by_link)
-
-
-def all_coordinates(runs: Sequence[Trajectory]) -> list[Coordinate]:
-    """Return the coordinates of all runs, each once."""
-    return list(dict.fromkeys(c for run in runs for c in run.mechanism.layout.coordinates))
-
-
-def colour_number(coordinate: Coordinate) -> int:
-    """Return a coordinate's link; -1, -2, -3 for x, y, z of the base."""
-    return {"y": -2, "z": -3}.get(coordinate.kind, coordinate.link)
-
-
-def reader(name: str) -> Callable[[Trajectory], Array | None]:
-    """Read a named quantity, None from a run that has no such coordinate."""
-
-    def read(run: Trajectory) -> Array | None:
-        return run[name] if name in run.names else None
-
-    return read
-
-
-def residual_reader(name: str, level: str) -> Callable[[Trajectory], Array | None]:
-    """Read the size of a residual at a level, zeros lifted onto the log axis."""
-
-    def read(run: Trajectory) -> Array | None:
-        values = getattr(run.residuals[name], level) if name in set(run.residuals) else None
-        return None if values is None else np.maximum(np.abs(values), ZERO)
-
-    return read
-
-
-def mapped_reader(mapping: str, name: str) -> Callable[[Trajectory], Array | None]:
-    """Read a control or a reaction."""
-
-    def read(run: Trajectory) -> Array | None:
-        found = getattr(run, mapping)
-        return np.asarray(found[name]) if name in set(found) else None
-
-    return read
-
-
-def hinge_reader(link: str) -> Callable[[Trajectory], Array | None]:
-    """Read the size of the force in a link's hinge."""
-
-    def read(run: Trajectory) -> Array | None:
-        if link not in {entry.name for entry in run.scene.links}:
-            return None
-        return np.asarray(np.linalg.norm(run.hinge_force(link), axis=1))
-
-    return read
-
-
-def power_reader(name: str) -> Callable[[Trajectory], Array | None]:
-    """Read the power [W] of a control: force times rate where it has one, else the slope of its work."""
-
-    def read(run: Trajectory) -> Array | None:
-        if name not in set(run.controls):
-            return None
-        rate = conjugate_rate(name)
-        if rate in run.names:
-            return np.asarray(run.controls[name] * run[rate])
-        return np.gradient(run.work_by_force[name], run.t) if len(run) > 1 else np.zeros(len(run))
-
-    return read
-
-
-def conjugate_rate(name: str) -> str:
-    """Return the rate a generalized force works on: M_psi1 -> psi1_dot, F1_1 -> xi1_1_dot, F_x -> x_dot."""
-    letter, _, index = name.partition("_")
-    if letter in ("M", "F"):
-        return f"{index}_dot"
-    return f"xi{letter[1:]}_{index}_dot" if letter[:1] == "F" else ""

@@ -17,6 +17,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def short(text: str, most: int = 44) -> str:
+    """Cut a long equation for a legend, and keep it from being read as mathematics."""
+    return plain(text if len(text) <= most else f"{text[: most - 3]}...")
+
+
 def symbol(coordinate: Coordinate, dot: bool = False) -> str:
     r"""Return the paper's symbol of a coordinate or its rate: \varphi_1, \psi_1, \xi_{11}, \dot{x}."""
     number = coordinate.link + 1
