@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -75,7 +77,7 @@ def check_against_closed_form(table: Table, postures: int, seed: int) -> None:
 # Closed forms
 
 
-@pytest.mark.parametrize(("n", "postures"), [(1, 102), (2, 102), (3, 60), (5, 30), (8, 15), (20, 6), (50, 3)])
+@pytest.mark.parametrize(("n", "postures"), [(1, 102), (2, 102), (3, 102), (5, 102), (10, 102), (20, 30)])
 @pytest.mark.parametrize("tips", ["all", "last", "none"])
 @pytest.mark.parametrize("base", ["pivot", "ski"])
 def test_blocks_equal_the_closed_forms(base: str, tips: str, n: int, postures: int) -> None:
@@ -100,8 +102,10 @@ def test_a_hundred_links() -> None:
 
 
 @pytest.mark.slow
-def test_hundred_postures_of_fifty_links() -> None:
-    check_against_closed_form(random_scene(50, "ski"), 100, seed=5)
+@pytest.mark.parametrize("tips", ["all", "none"])
+@pytest.mark.parametrize("base", ["pivot", "ski"])
+def test_hundred_postures_of_fifty_links(base: str, tips: str) -> None:
+    check_against_closed_form(random_scene(50, base, tips=tips), 100, seed=5)
 
 
 @pytest.mark.parametrize("base", ["pivot", "ski"])
@@ -387,9 +391,12 @@ def coordinate_accelerations(
 
 
 FORCES = {"M_phi1": 3.0, "M_psi1": -8.0, "F1_1": 25.0}
+CHAINS = [(1, "all"), (1, "last"), (2, "all"), (2, "last"), (3, "all"), (5, "all"), (8, "all"), (20, "all"), (50, "all")]
+MASSLESS_HINGES = [(3, "none"), (5, "last"), (10, "last"), (10, "none"), (20, "none"), (50, "none")]
+ROUNDING = 2e-15  # of the condition number: what an acceleration may lose on ill-conditioned chains
 
 
-@pytest.mark.parametrize(("n", "tips"), [(1, "all"), (1, "last"), (2, "all"), (2, "last"), (3, "all"), (5, "all"), (8, "all")])
+@pytest.mark.parametrize(("n", "tips"), [*CHAINS, *MASSLESS_HINGES])
 @pytest.mark.parametrize("base", ["pivot", "ski"])
 def test_accelerations_of_all_forms_and_of_the_simulator_agree(base: str, n: int, tips: str) -> None:
     table = random_scene(n, base, tips=tips)
@@ -397,28 +404,30 @@ def test_accelerations_of_all_forms_and_of_the_simulator_agree(base: str, n: int
     mechanism = built(table | {"forces": [{"on": name, "law": value} for name, value in applied.items()]})
     dynamics = Dynamics(mechanism)
     rng = np.random.default_rng(18)
-    for _ in range(10):
+    for _ in range(10 if n < 20 else 3):
         coordinates = random_posture(mechanism, rng)
         rates = random_rates(mechanism, rng, coordinates)
         full = equations_of_motion(mechanism, coordinates, rates)
+        tolerance = max(1e-11, ROUNDING * full.condition)
+        assert tolerance == 1e-11 or (n, tips) not in CHAINS[:7]
         solution = full.solve(applied)
         accelerations = dict(zip(full.names, solution.accelerations, strict=True))
         state = mechanism.state(coordinates, rates)
         dynamics.reference = list(coordinates.values())
         evaluation = dynamics.evaluate(0.0, dynamics.pack(state))
         simulated = coordinate_accelerations(mechanism, coordinates, state, evaluation.vdot)
-        assert_close([simulated[name] for name in full.names], solution.accelerations, 1e-11)
+        assert_close([simulated[name] for name in full.names], solution.accelerations, tolerance)
         if base == "pivot":
             assert solution.knife_edge is None
             continue
         load = np.abs(full.bias).max()
-        assert solution.knife_edge == pytest.approx(evaluation.knife_edge, rel=1e-11, abs=1e-11 * load)
+        assert solution.knife_edge == pytest.approx(evaluation.knife_edge, rel=tolerance, abs=tolerance * load)
         chaplygin = equations_of_motion(mechanism, coordinates, rates, "chaplygin")
-        assert_close(chaplygin.solve(applied).accelerations, [accelerations[name] for name in chaplygin.names], 1e-11)
+        assert_close(chaplygin.solve(applied).accelerations, [accelerations[name] for name in chaplygin.names], tolerance)
         heading = coordinates["phi0"]
         accelerations["speed"] = math.cos(heading) * accelerations["x"] + math.sin(heading) * accelerations["y"]
         speed = equations_of_motion(mechanism, coordinates, rates, "speed")
-        assert_close(speed.solve(applied).accelerations, [accelerations[name] for name in speed.names], 1e-11)
+        assert_close(speed.solve(applied).accelerations, [accelerations[name] for name in speed.names], tolerance)
 
 
 def test_trees_move_as_in_the_simulator() -> None:
@@ -578,13 +587,13 @@ def test_other_errors() -> None:
         eom.solve({"M_psi2": 1.0})
     with pytest.raises(vlmb.SceneError, match=r"shape \(2,\), must be \(7,\): x, y, phi0"):
         eom.solve([1.0, 2.0])
-    with pytest.raises(vlmb.SceneError, match="the force M_psi1 = inf: must be finite"):
+    with pytest.raises(vlmb.SceneError, match=r"the force M_psi1 = inf: must be finite"):
         eom.solve({"M_psi1": math.inf})
     with pytest.raises(vlmb.SceneError, match="generalized force of psi1 is not finite"):
         eom.solve([0.0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0])
     with pytest.raises(vlmb.SceneError, match="known accelerations: 'x' cannot be given"):
         eom.solve(known={"x": 0.0})
-    with pytest.raises(vlmb.SceneError, match="known acceleration of psi1 = nan"):
+    with pytest.raises(vlmb.SceneError, match=r"known acceleration of psi1 = nan"):
         eom.solve(known={"psi1": math.nan})
     pivot = built(random_scene(1, "pivot"))
     with pytest.raises(vlmb.SceneError, match="unknown form 'speed' of a 'pivot' base; allowed: full"):
@@ -595,3 +604,23 @@ def test_other_errors() -> None:
     huge = equations_of_motion(pivot, random_posture(pivot, np.random.default_rng(30)) | {"xi1_1": 1e200})
     with pytest.raises(vlmb.SingularError, match="not finite at this posture"):
         huge.solve()
+
+
+@pytest.mark.parametrize("value", ["a", None, [1.0], math.inf])
+def test_forces_and_accelerations_are_finite_numbers(value: Any) -> None:
+    mechanism = built(random_scene(1, "pivot"))
+    eom = equations_of_motion(mechanism, random_posture(mechanism, np.random.default_rng(3)))
+    with pytest.raises(vlmb.SceneError, match=r"the force M_psi1 = .*: must be"):
+        eom.solve({"M_psi1": value})
+    with pytest.raises(vlmb.SceneError, match=r"known acceleration of psi1 = .*: must be"):
+        eom.solve(known={"psi1": value})
+    with pytest.raises(vlmb.SceneError, match=r"generalized force.*(must be|is not finite)"):
+        eom.solve([value] * len(eom.names))
+
+
+def test_modules_that_few_need_are_there_when_asked_for() -> None:
+    code = (
+        "import sys, vlmb; assert 'vlmb.closed_form' not in sys.modules; "
+        "assert vlmb.closed_form.eq_4_2 and vlmb.hinge_moments.generalized_from_hinge_moments"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -129,3 +129,12 @@ def test_errors() -> None:
     del coordinates["psi3"]
     with pytest.raises(vlmb.SceneError, match="missing coordinates: psi3 of 'link3'"):
         generalized_from_hinge_moments(mechanism, coordinates, {})
+
+
+@pytest.mark.parametrize("value", ["a", None, [1.0], math.nan])
+def test_a_moment_is_a_finite_number(value: object) -> None:
+    mechanism = vlmb.build(vlmb.Scene.from_dict(random_scene(2, "ski")))
+    coordinates = random_posture(mechanism, np.random.default_rng(1))
+    for convert in (generalized_from_hinge_moments, hinge_moments_from_generalized):
+        with pytest.raises(vlmb.SceneError, match=r"M_psi1 = .*: must be"):
+            convert(mechanism, coordinates, {"M_psi1": value})

@@ -62,12 +62,29 @@ def test_csv_has_every_entry_to_the_last_digit(skier: Path, capsys: pytest.Captu
     assert len(rows) == len(read) > 200
 
 
+def test_whole_matrix_and_bias(skier: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    eom = matrices.at_posture(skier, ["phi1_dot=0.5"])
+    out = printed(capsys, skier, "--at", "phi1_dot=0.5", "--block", "mass_matrix", "bias", "--format", "csv")
+    read = {(row["block"], row["row"], row["column"]): float(row["value"]) for row in csv.DictReader(io.StringIO(out))}
+    for i, name in enumerate(eom.names):
+        assert read.pop(("bias", name, "1")) == eom.bias[i] != 0.0 or name == "phi0"
+        for j, column in enumerate(eom.names):
+            assert read.pop(("mass_matrix", name, f"{column}_ddot")) == eom.mass_matrix[i, j]
+    assert not read
+
+
+def test_values_that_overflow_are_refused(skier: Path) -> None:
+    with pytest.raises(vlmb.VlmbError, match="overflow at this posture"):
+        matrices.run(arguments(skier, "--at", "xi1_1=1e160", "--block", "A"))
+
+
 def test_npz(skier: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     eom = matrices.at_posture(skier)
     assert "wrote" in printed(capsys, skier, "--format", "npz", "--output", tmp_path / "out.npz")
     with np.load(tmp_path / "out.npz") as stored:
         np.testing.assert_array_equal(stored["mass_matrix"], eom.mass_matrix)
         np.testing.assert_array_equal(stored["bias"], eom.bias)
+        assert stored["condition"] == eom.condition
         assert tuple(stored["names"]) == eom.names
         for (block, row), value in eom.blocks.items():
             np.testing.assert_array_equal(stored[f"{block}_{row}"], value)
@@ -126,9 +143,22 @@ def test_latex_numbers() -> None:
     assert matrices._tex_number(1e-15, 1e-14) == "0"
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
-def test_latex_compiles(skier: Path, tmp_path: Path) -> None:
-    matrices.run(arguments(skier, "--format", "latex", "--output", tmp_path / "out.tex", "--form", "speed"))
+def test_latex_of_a_large_matrix_is_cut_into_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chain = write_toml(tmp_path / "chain.toml", random_scene(50, "ski"))
+    out = printed(capsys, chain, "--format", "latex", "--block", "mass_matrix")
+    assert out.count("continued") == 2
+    assert out.count(r"\ddot") == 203
+    width = re.search(r"paperwidth=(\d+)mm", out)
+    assert width and int(width[1]) < 5700
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed (Debian: apt install texlive-latex-base)")
+@pytest.mark.parametrize("large", [False, True])
+def test_latex_compiles(skier: Path, tmp_path: Path, large: bool) -> None:
+    if large:
+        skier = write_toml(tmp_path / "chain.toml", random_scene(50, "ski"))
+    blocks = ("--block", "mass_matrix") if large else ()
+    matrices.run(arguments(skier, "--format", "latex", "--output", tmp_path / "out.tex", "--form", "speed", *blocks))
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "out.tex"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:]

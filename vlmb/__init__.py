@@ -26,7 +26,9 @@ __all__ = [
     "VlmbError",
     "__version__",
     "build",
+    "closed_form",
     "equations_of_motion",
+    "hinge_moments",
     "load_scene",
     "load_trajectory",
     "plots",
@@ -35,14 +37,14 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from vlmb import plots, view
+    from vlmb import closed_form, hinge_moments, plots, view
 else:
 
     def __getattr__(name: str) -> Any:
-        """Import `vlmb.plots` and `vlmb.view` when they are first asked for."""
-        if name in ("plots", "view"):
+        """Import a module that few need when it is first asked for."""
+        if name in ("closed_form", "hinge_moments", "plots", "view"):
             return importlib.import_module(f"vlmb.{name}")
         raise AttributeError(f"module 'vlmb' has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        return sorted([*globals(), "plots", "view"])
+        return sorted({*globals(), *__all__})

@@ -10,12 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, nearest
+from vlmb.errors import SceneError, finite, nearest
 
 Array = NDArray[np.float64]
 
@@ -316,7 +316,7 @@ def _complete(layout: Layout, coordinates: Mapping[str, float]) -> dict[str, flo
     missing = [name for name in layout.names if name not in coordinates]
     if missing:
         raise SceneError(f"missing coordinates {', '.join(missing)}: a state needs every one of {', '.join(layout.names)}")
-    return {name: _finite(name, coordinates[name]) for name in layout.names}
+    return {name: finite(name, coordinates[name]) for name in layout.names}
 
 
 def _rates(layout: Layout, rates: Mapping[str, float]) -> dict[str, float]:
@@ -325,18 +325,8 @@ def _rates(layout: Layout, rates: Mapping[str, float]) -> dict[str, float]:
         coordinate = name.removesuffix("_dot")
         if coordinate == name or coordinate not in speeds:
             raise SceneError(f"unknown rate {name!r}; {nearest(name, [f'{known}_dot' for known in layout.names])}")
-        speeds[coordinate] = _finite(name, value)
+        speeds[coordinate] = finite(name, value)
     return speeds
-
-
-def _finite(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise SceneError(f"{name} = {value!r}: must be a number") from None
-    if not math.isfinite(number):
-        raise SceneError(f"{name} = {number}: must be finite")
-    return number
 
 
 def _about_z(cosine: Array | np.float64, sine: Array | np.float64) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 from vlmb.coordinates import Coordinate, Layout, segment_of
-from vlmb.errors import SceneError, SingularError, nearest
+from vlmb.errors import SceneError, SingularError, finite, nearest
 
 Array = NDArray[np.float64]
 
@@ -88,9 +88,7 @@ def _known(system: System, known: Mapping[str, float]) -> dict[int, float]:
     for name, value in known.items():
         if name not in allowed:
             raise SceneError(f"known accelerations: {name!r} cannot be given; {nearest(name, allowed)}")
-        if not math.isfinite(value):
-            raise SceneError(f"known acceleration of {name} = {value}: must be finite")
-        given[system.names.index(name)] = float(value)
+        given[system.names.index(name)] = finite(f"known acceleration of {name}", value)
     for coordinate in layout.coordinates:
         name = coordinate.name
         if coordinate.kind == "xi" and segment_of(layout, coordinate).motion == "prescribed" and name not in known:
@@ -112,11 +110,12 @@ def _force_vector(system: System, forces: ArrayLike | Mapping[str, float] | None
         for name, value in forces.items():
             if name not in places:
                 raise SceneError(f"unknown force {name!r}; {nearest(name, places)}")
-            if not math.isfinite(value):
-                raise SceneError(f"the force {name} = {value}: must be finite")
-            full[places[name]] += value
+            full[places[name]] += finite(f"the force {name}", value)
         return system.reduce(full)
-    vector = np.asarray(forces, dtype=float)
+    try:
+        vector = np.asarray(forces, dtype=float)
+    except (TypeError, ValueError):
+        raise SceneError(f"generalized forces {forces!r}: must be numbers") from None
     if vector.shape != (size,):
         raise SceneError(f"generalized forces: shape {vector.shape}, must be ({size},): {', '.join(system.names)}")
     bad = [system.names[at] for at in np.flatnonzero(~np.isfinite(vector))]

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from vlmb.coordinates import Layout
 from vlmb.equation_blocks import HEADING_PRODUCT, Blocks, Coefficients, Kinds, coefficients, mass_matrix
 from vlmb.equation_solver import Solution, System, condition_number, solve
-from vlmb.errors import SceneError, nearest
+from vlmb.errors import SceneError, finite, nearest
 from vlmb.mechanism import Mechanism
 from vlmb.velocity_map import VelocityMap
 
@@ -91,7 +91,7 @@ class EquationsOfMotion:
 
     @cached_property
     def condition(self) -> float:
-        """Condition number of the mass matrix as it stands, in SI units; inf where it is singular."""
+        """Condition number of the mass matrix as it stands, in SI units; above about 1e16 it is rounding, or inf."""
         return condition_number(self.mass_matrix)
 
     @cached_property
@@ -152,6 +152,9 @@ class EquationsOfMotion:
         self, forces: ArrayLike | Mapping[str, float] | None = None, known: Mapping[str, float] | None = None
     ) -> Solution:
         """Solve for the accelerations under generalized forces.
+
+        The equations are those of the mechanism with its knife edge and nothing else: springs, forces, constraints and programme
+        of the scene are no part of them.
 
         Parameters
         ----------
@@ -261,7 +264,7 @@ def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> 
     missing = [name for name in layout.names if name not in coordinates]
     if missing:
         raise SceneError(f"missing coordinates: {', '.join(_owned(layout, name) for name in missing)}; a posture needs them all")
-    return {name: _finite(layout, name, coordinates[name]) for name in layout.names}
+    return {name: finite(_owned(layout, name), coordinates[name]) for name in layout.names}
 
 
 def _all_rates(mechanism: Mechanism, posture: Mapping[str, float], rates: Mapping[str, float]) -> dict[str, float]:
@@ -270,7 +273,7 @@ def _all_rates(mechanism: Mechanism, posture: Mapping[str, float], rates: Mappin
     for name in rates:
         if name not in known:
             raise SceneError(f"unknown rate {name!r}; {nearest(name, known)}")
-    given = {name: _finite(layout, name, value) for name, value in rates.items()}
+    given = {name: finite(_owned(layout, name), value) for name, value in rates.items()}
     if "speed" in given:
         if "x_dot" in given or "y_dot" in given:
             raise SceneError("speed: give either speed or x_dot and y_dot, not both")
@@ -284,16 +287,6 @@ def _owned(layout: Layout, name: str) -> str:
     at = layout.index.get(name.removesuffix("_dot"), -1)
     link = layout.coordinates[at].link if at >= 0 else -1
     return f"{name} of {layout.links[link].name!r}" if link >= 0 else f"{name} of the {layout.base}"
-
-
-def _finite(layout: Layout, name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise SceneError(f"{_owned(layout, name)} = {value!r}: must be a number") from None
-    if not math.isfinite(number):
-        raise SceneError(f"{_owned(layout, name)} = {number}: must be finite")
-    return number
 
 
 def _frozen(value: Array) -> Array:

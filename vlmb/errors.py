@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
+from typing import Any
 
 
 class VlmbError(ValueError):
@@ -38,3 +40,14 @@ def nearest(name: str, valid: Iterable[str]) -> str:
         return "did you mean " + " or ".join(repr(entry) for entry in close) + "?"
     shown = ", ".join(names[:40]) + (f", ... ({len(names)} in all)" if len(names) > 40 else "")
     return f"valid names: {shown or 'none'}"
+
+
+def finite(what: str, value: Any) -> float:
+    """Return a value as a float; SceneError where it is no finite number."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise SceneError(f"{what} = {value!r}: must be a number") from None
+    if not math.isfinite(number):
+        raise SceneError(f"{what} = {number}: must be finite")
+    return number

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 
 from vlmb.equation_solver import force_name
 from vlmb.equations import complete_posture
-from vlmb.errors import SceneError, nearest
+from vlmb.errors import SceneError, finite, nearest
 from vlmb.mechanism import Mechanism
 
 
@@ -75,9 +75,7 @@ def _given(mechanism: Mechanism, forces: Mapping[str, float]) -> dict[str, float
         if name not in out:
             why = "with plane = true the links have no azimuth of their own; " if str(name).startswith("M_phi") else ""
             raise SceneError(f"unknown force {name!r}; {why if mechanism.layout.plane else ''}{nearest(name, out)}")
-        out[name] = float(value)
-        if not math.isfinite(out[name]):
-            raise SceneError(f"{name} = {value}: must be finite")
+        out[name] = finite(name, value)
     return out
 
 

@@ -27,6 +27,7 @@ FORMATS = ("text", "latex", "csv", "npz")
 WHOLE = ("mass_matrix", "bias")  # what may be asked for beside the blocks
 ROUNDING = 1e-14  # of the mass matrix's largest entry: smaller numbers are shown as 0
 WIDTH = 118  # characters
+TEX_COLUMNS = 100  # TeX has no wider paper than 5.7 m
 
 
 class Table(NamedTuple):
@@ -56,15 +57,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print or write the blocks that the arguments ask for; return the exit code 0."""
-    eom = at_posture(args.scene, [entry for group in args.at for entry in group], args.form)
     wanted = [entry for group in args.block for entry in group]
+    with np.errstate(all="ignore"):
+        eom = at_posture(args.scene, [entry for group in args.at for entry in group], args.form)
+        found = tables(eom, wanted)
+    if not all(np.isfinite(table.values).all() for table in found):
+        raise VlmbError("entries of the blocks overflow at this posture: a length or rate in --at is too large")
     if args.format == "npz":
         if args.output is None:
             raise VlmbError("--format npz: a binary file needs --output FILE")
         with args.output.open("wb") as file:
             np.savez(file, **arrays(eom, wanted))  # type: ignore[arg-type]
     else:
-        content = {"text": text, "latex": latex, "csv": comma_separated}[args.format](eom, tables(eom, wanted))
+        content = {"text": text, "latex": latex, "csv": comma_separated}[args.format](eom, found)
         if args.output is None:
             print(content, end="")
             return 0
@@ -115,13 +120,14 @@ def tables(eom: EquationsOfMotion, wanted: Sequence[str] = ()) -> list[Table]:
 def arrays(eom: EquationsOfMotion, wanted: Sequence[str] = ()) -> dict[str, Array]:
     """Return what an NPZ file holds.
 
-    Blocks as `A_phi` (block, row), `mass_matrix`, `bias`, `names`, the posture as `coordinates` and `rates`, and row and column
-    names as `rows_phi`, `columns_A`.
+    Blocks as `A_phi` (block, row), `mass_matrix`, its `condition` number, `bias`, `names`, the posture as `coordinates` and
+    `rates`, and row and column names as `rows_phi`, `columns_A`.
     """
     blocks = {table.block for table in tables(eom, wanted)} if wanted else set(eom.columns)
     found: dict[str, Array] = {f"{block}_{row}": value for (block, row), value in eom.blocks.items() if block in blocks}
     names = eom.mechanism.layout.names
     found |= {"mass_matrix": eom.mass_matrix, "bias": eom.bias, "names": np.array(eom.names)}
+    found["condition"] = np.array(eom.condition)
     found |= {"coordinate_names": np.array(names), "coordinates": np.array([eom.coordinates[name] for name in names])}
     found["rates"] = np.array([eom.rates[f"{name}_dot"] for name in names])
     found |= {f"rows_{row}": np.array(places, dtype=str) for row, places in eom.rows.items()}
@@ -162,9 +168,9 @@ def text(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
 
 
 def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
-    """A document of its own, on paper as large as its largest matrix."""
+    """A document of its own, on paper as large as its largest matrix; wide ones are cut into parts."""
     tiny = _rounding(eom)
-    most_columns = max([len(table.columns) for table in blocks] + [3])
+    most_columns = min(max([len(table.columns) for table in blocks] + [3]), TEX_COLUMNS)
     most_rows = max([len(table.rows) for table in blocks] + [12])
     posture = [f"{_symbol(name)}={_tex_number(value, 0.0)}" for name, value in {**eom.coordinates, **eom.rates}.items()]
     lines = [
@@ -174,14 +180,18 @@ def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
         r"\setlength{\parindent}{0pt}",
         r"\begin{document}",
         rf"\textbf{{{_escaped(eom.mechanism.scene.name)}}}, form \texttt{{{eom.form}}}, at $" + r"$, $".join(posture) + r"$.",
+        rf"Condition number of the mass matrix: ${_tex_number(eom.condition, 0.0)}$.",
     ]
     for table in blocks:
-        head = " & ".join(_symbol(column) for column in table.columns)
-        lines += ["", rf"\texttt{{{_escaped(table.block)}}}", r"\[", rf"\begin{{array}}{{r|{'r' * len(table.columns)}}}"]
-        lines.append(rf" & {head} \\ \hline")
-        for row, values in zip(table.rows, table.values.tolist(), strict=True):
-            lines.append(f"{_symbol(row)} & " + " & ".join(_tex_number(value, tiny) for value in values) + r" \\")
-        lines += [r"\end{array}", r"\]"]
+        for first in range(0, len(table.columns), TEX_COLUMNS):
+            chosen = slice(first, first + TEX_COLUMNS)
+            columns = table.columns[chosen]
+            title = rf"\texttt{{{_escaped(table.block)}}}" + (", continued" if first else "")
+            lines += ["", title, r"\[", rf"\begin{{array}}{{r|{'r' * len(columns)}}}"]
+            lines.append(" & " + " & ".join(map(_symbol, columns)) + r" \\ \hline")
+            for row, values in zip(table.rows, table.values.tolist(), strict=True):
+                lines.append(f"{_symbol(row)} & " + " & ".join(_tex_number(value, tiny) for value in values[chosen]) + r" \\")
+            lines += [r"\end{array}", r"\]"]
     return "\n".join([*lines, r"\end{document}"]) + "\n"
 
 
@@ -236,6 +246,8 @@ def _symbol(name: str) -> str:
 
 
 def _tex_number(value: float, tiny: float) -> str:
+    if not math.isfinite(value):
+        return r"\infty"
     mantissa, exponent, power = _number(value, tiny).partition("e")
     return rf"{mantissa}\cdot 10^{{{int(power)}}}" if exponent else mantissa
 

@@ -37,7 +37,7 @@ def _order(parameters: ChainParameters, form: str) -> NDArray[np.intp]:
 
 
 def assemble_mass_matrix(blocks: Blocks, parameters: ChainParameters, form: str = "pivot") -> Array:
-    """Arrange the acceleration blocks as one matrix (N, N) in the order of `coordinate_names`."""
+    """Arrange the acceleration blocks A B C1 C2 of (4.1) and section 9c as one matrix (N, N), see `mass_matrix`."""
     rows = SKI_ROWS[form] + CHAIN_ROWS
     columns = [row.upper() for row in SKI_ROWS[form]] + list(ACCELERATIONS)
     parts = []
@@ -50,7 +50,7 @@ def assemble_mass_matrix(blocks: Blocks, parameters: ChainParameters, form: str 
 
 
 def assemble_bias(blocks: Blocks, parameters: ChainParameters, state: ChainState, form: str = "pivot") -> Array:
-    """Sum velocity products and gravity, (N,) in the order of `coordinate_names`."""
+    """Sum the velocity products D ... H2 of (4.1) and gravity g K, (N,) [N, N m], see `bias`."""
     rates = {
         "phi": state.phi_dot,
         "psi": state.psi_dot,
@@ -77,7 +77,7 @@ def assemble_bias(blocks: Blocks, parameters: ChainParameters, state: ChainState
 
 
 def mass_matrix(parameters: ChainParameters, state: ChainState, form: str = "pivot") -> Array:
-    """Mass matrix of section 9, (N, N).
+    """Mass matrix of section 9, (N, N) [kg, kg m, kg m^2], rows and columns in the order of `coordinate_names`.
 
     mass_matrix @ accelerations + bias = generalized forces, where the accelerations are those of `coordinate_names`
     (for `speed` the first is d(speed)/dt). The full form still needs the multiplier of the knife edge.
@@ -86,7 +86,7 @@ def mass_matrix(parameters: ChainParameters, state: ChainState, form: str = "piv
 
 
 def bias(parameters: ChainParameters, state: ChainState, form: str = "pivot") -> Array:
-    """Velocity products and gravity of section 9, (N,); see `mass_matrix`.
+    """Velocity products and gravity of section 9, (N,) [N for lengths, N m for angles]; see `mass_matrix`.
 
     The chaplygin form reads x_dot alone of the ski's velocity, the speed form its part along the ski.
     """

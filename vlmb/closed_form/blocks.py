@@ -66,6 +66,8 @@ def chain_blocks(parameters: ChainParameters, state: ChainState) -> Blocks:
     Keys are (block, row): blocks A B C1 C2 D E F1 F2 G H1 H2 of shape (n, n) and K of shape (n,), for the rows phi
     psi xi1 xi2. F, G and H come without their factor 2 and K without g, as (4.1) prints them. Rows and columns of
     segments that are no coordinates are left out, so C2, F2 and H2 have as many columns as there are xi_i2.
+    Units: [kg m^2] between two angles, [kg m] between an angle and a length, [kg] between two lengths, where D, E, G count
+    as columns of angles and F, H as columns of lengths; K [kg m] in the rows of angles, [kg] in those of lengths.
     """
     m, d = moments(parameters, state), directions(state)
     by_angle, by_length = _coefficients(m)
@@ -105,7 +107,8 @@ def equation_blocks(parameters: ChainParameters, state: ChainState, form: str = 
         full       rows x y phi0,    columns X Y PHI0,     product phi0dot_phi0dot
         chaplygin  rows x phi0,      columns X PHI0,       products xdot_phi0dot, phi0dot_phi0dot
         speed      rows speed phi0,  columns SPEED PHI0,   products speed_phi0dot, phi0dot_phi0dot
-    The chaplygin form divides by cos(phi0); the others are regular at any heading.
+    The chaplygin form divides by cos(phi0); the others are regular at any heading. Units as in `chain_blocks`; x, y and
+    speed count as lengths, phi0 as an angle.
     """
     if form not in FORMS:
         raise ValueError(f"unknown form {form!r}; choose one of {', '.join(FORMS)}")

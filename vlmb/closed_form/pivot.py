@@ -43,7 +43,10 @@ def eq_2_6(parameters: ChainParameters, state: ChainState) -> float:
 
 
 def eq_2_7(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of phi_1 of the pivoted link, (2.7) = M_1phi [N m]."""
+    """Row of phi_1 of the pivoted link, (2.7) = M_1phi [N m].
+
+    `accelerations` (3,): phi1, psi1 [rad/s^2], xi1_1 [m/s^2].
+    """
     phi_2, _, _ = np.asarray(accelerations, dtype=float)
     m, zeta, arm, c, s = _pivoted_link(parameters, state)
     phi, psi, xi = state.phi_dot[0], state.psi_dot[0], state.xi_dot[0, 0]
@@ -51,7 +54,10 @@ def eq_2_7(parameters: ChainParameters, state: ChainState, accelerations: ArrayL
 
 
 def eq_2_8(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of psi_1 of the pivoted link, (2.8) = M_1psi [N m]."""
+    """Row of psi_1 of the pivoted link, (2.8) = M_1psi [N m].
+
+    `accelerations` (3,): phi1, psi1 [rad/s^2], xi1_1 [m/s^2].
+    """
     _, psi_2, _ = np.asarray(accelerations, dtype=float)
     m, zeta, arm, c, s = _pivoted_link(parameters, state)
     phi, psi, xi = state.phi_dot[0], state.psi_dot[0], state.xi_dot[0, 0]
@@ -59,7 +65,10 @@ def eq_2_8(parameters: ChainParameters, state: ChainState, accelerations: ArrayL
 
 
 def eq_2_9(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of xi_11 of the pivoted link, (2.9) = F_11 [N]."""
+    """Row of xi_11 of the pivoted link, (2.9) = F_11 [N].
+
+    `accelerations` (3,): phi1, psi1 [rad/s^2], xi1_1 [m/s^2].
+    """
     _, _, xi_2 = np.asarray(accelerations, dtype=float)
     m, _, arm, c, s = _pivoted_link(parameters, state)
     phi, psi = state.phi_dot[0], state.psi_dot[0]
@@ -93,7 +102,10 @@ def eq_3_2(parameters: ChainParameters, state: ChainState, distance: ArrayLike) 
 
 
 def eq_3_3(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of xi_21 of two pivoted links, (3.3) = F_21 [N]."""
+    """Row of xi_21 of two pivoted links, (3.3) = F_21 [N].
+
+    `accelerations` (7,): phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2], phi2, psi2, xi2_1.
+    """
     phi1_2, psi1_2, xi11_2, xi12_2, _, _, xi21_2 = np.asarray(accelerations, dtype=float)
     c1, c2 = np.cos(state.psi)
     s1, s2 = np.sin(state.psi)

@@ -67,7 +67,10 @@ def eq_7_2(parameters: ChainParameters, state: ChainState) -> float:
 
 
 def eq_7_7(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of x after Chaplygin's elimination, (7.7) = Q_x + Q_y tan(phi_0) [N]."""
+    """Row of x after Chaplygin's elimination, (7.7) = Q_x + Q_y tan(phi_0) [N].
+
+    `accelerations` (6,): x [m/s^2], phi0, phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2].
+    """
     x_2, _, phi_2, psi_2, lower_2, upper_2 = np.asarray(accelerations, dtype=float)
     k = _skier(parameters, state)
     phi, psi, (lower, upper) = state.phi_dot[0], state.psi_dot[0], state.xi_dot[0]
@@ -89,13 +92,19 @@ def eq_7_7(parameters: ChainParameters, state: ChainState, accelerations: ArrayL
 
 
 def eq_7_8(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of phi_0, (7.8) = Q_phi0 [N m]."""
+    """Row of phi_0, (7.8) = Q_phi0 [N m].
+
+    `accelerations` (6,): x [m/s^2], phi0, phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2].
+    """
     _, phi0_2, _, _, _, _ = np.asarray(accelerations, dtype=float)
     return float(parameters.ski_inertia * phi0_2)
 
 
 def eq_7_9(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of phi_1, (7.9) = Q_phi1 [N m]."""
+    """Row of phi_1, (7.9) = Q_phi1 [N m].
+
+    `accelerations` (6,): x [m/s^2], phi0, phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2].
+    """
     x_2, _, phi_2, _, _, _ = np.asarray(accelerations, dtype=float)
     k = _skier(parameters, state)
     phi, psi, (lower, upper) = state.phi_dot[0], state.psi_dot[0], state.xi_dot[0]
@@ -110,7 +119,10 @@ def eq_7_9(parameters: ChainParameters, state: ChainState, accelerations: ArrayL
 
 
 def eq_7_10(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of psi_1, (7.10) = Q_psi1 [N m]."""
+    """Row of psi_1, (7.10) = Q_psi1 [N m].
+
+    `accelerations` (6,): x [m/s^2], phi0, phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2].
+    """
     x_2, _, _, psi_2, _, _ = np.asarray(accelerations, dtype=float)
     k = _skier(parameters, state)
     phi, psi, (lower, upper) = state.phi_dot[0], state.psi_dot[0], state.xi_dot[0]
@@ -126,7 +138,10 @@ def eq_7_10(parameters: ChainParameters, state: ChainState, accelerations: Array
 
 
 def eq_7_11(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of xi_11, (7.11) = F_11 [N]."""
+    """Row of xi_11, (7.11) = F_11 [N].
+
+    `accelerations` (6,): x [m/s^2], phi0, phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2].
+    """
     x_2, _, _, _, lower_2, upper_2 = np.asarray(accelerations, dtype=float)
     k = _skier(parameters, state)
     phi, psi = state.phi_dot[0], state.psi_dot[0]
@@ -142,7 +157,10 @@ def eq_7_11(parameters: ChainParameters, state: ChainState, accelerations: Array
 
 
 def eq_7_12(parameters: ChainParameters, state: ChainState, accelerations: ArrayLike) -> float:
-    """Row of xi_12, (7.12) = F_12 [N]."""
+    """Row of xi_12, (7.12) = F_12 [N].
+
+    `accelerations` (6,): x [m/s^2], phi0, phi1, psi1 [rad/s^2], xi1_1, xi1_2 [m/s^2].
+    """
     x_2, _, _, _, lower_2, upper_2 = np.asarray(accelerations, dtype=float)
     k = _skier(parameters, state)
     phi, psi = state.phi_dot[0], state.psi_dot[0]
@@ -196,7 +214,7 @@ def eq_7_16(parameters: ChainParameters, state: ChainState) -> Array:
 
 
 def eq_7_13(parameters: ChainParameters, state: ChainState) -> Array:
-    """Matrix A on the accelerations of (x, phi_0, phi_1, ..., phi_n), (7.13), (n + 2, n + 2)."""
+    """Matrix A on the accelerations of (x, phi_0, phi_1, ..., phi_n), (7.13), (n + 2, n + 2) [kg, kg m, kg m^2]."""
     matrix = np.zeros((parameters.n + 2, parameters.n + 2))
     matrix[0, 0], matrix[1, 1] = eq_7_14(parameters, state)
     matrix[0, 2:] = matrix[2:, 0] = eq_7_15(parameters, state)
