@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html.parser
+import inspect
 import os
 import posixpath
 import re
@@ -148,9 +149,10 @@ def test_formulas_are_drawn_by_the_browser(site: Path) -> None:
 
 def test_every_public_name_is_on_the_api_page(site: Path, pages: dict[str, Found]) -> None:
     known = pages["api.html"].ids
-    for name in set(vlmb.__all__) - {"__version__", "plots", "view"}:
+    for name in set(vlmb.__all__) - {"__version__"}:
         entry = getattr(vlmb, name)
-        assert f"{entry.__module__}.{entry.__qualname__}" in known, f"{name} is missing in docs/api.md"
+        path = entry.__name__ + "." if inspect.ismodule(entry) else f"{entry.__module__}.{entry.__qualname__}"
+        assert any(anchor.startswith(path) for anchor in known), f"{name} is missing in docs/api.md"
     for name in ("show", "play", "export_html", "picture"):
         assert f"vlmb.view.{name}" in known
     text = (site / "api.html").read_text("utf-8")

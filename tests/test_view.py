@@ -216,6 +216,8 @@ def test_where_no_course_is_prescribed() -> None:
     assert course(Scene.from_dict(follows("sin(phi0) = 2 + x")), t, speed, place) is None
     ends = course(Scene.from_dict(follows("phi0 = 0.2*sqrt(5 - x)")), t, speed, place)
     assert ends is not None and 4.9 < ends[-1, 0] < 5.01 and len(ends) < 100  # beyond x = 5 there is no heading
+    many = course(Scene.from_dict(follows("phi0 = 0.1*t")), np.linspace(0.0, 6.0, 50_000), np.full(50_000, 4.0), place)
+    assert many is not None and len(many) == 3000  # a long run has as many points at most
     assert solved(parse_equation("phi0**2 = 4"), "phi0", {}, 1.0) == pytest.approx(2.0)
     assert solved(parse_equation("phi0**2 = -1"), "phi0", {}, 1.0) is None
 
@@ -229,6 +231,8 @@ def test_the_course_is_drawn_dashed_and_the_track_on_it() -> None:
     np.testing.assert_allclose(dashed.vertices[:, 1], np.sin(0.4 * dashed.vertices[:, 0]), atol=0.04)
     start = {body.path for body in view_module.posture(build(scene)).bodies}
     assert "programme" in start and "track" not in start
+    (line,) = [line for line in vlmb.plots.path(run).axes[0].lines if line.get_label() == "course"]
+    np.testing.assert_allclose(line.get_ydata(), np.sin(0.4 * line.get_xdata()), atol=2e-4)
     own = of_trajectory(run, programme=np.array([[0.0, 0.0], [5.0, 1.0]]))
     assert {body.path: body for body in own.bodies}["programme"].shape.vertices[:, 0].max() < 5.1
 

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 KNOWN = frozenset({"x", "y", "phi0", "phi0_dot", "speed", "t"})
 ITERATIONS, CLOSE, NUDGE = 30, 1e-10, 1e-6
+POINTS = 3000  # of a way at most; further samples are left out
 FARTHEST = 0.5  # [rad, rad/s] of one Newton step: the branch next to the last heading is meant
 
 
@@ -29,6 +30,8 @@ def course(scene: Scene, t: Array, speed: Array, place: tuple[float, float, floa
     equation = steering(scene)
     if equation is None or len(t) < 2:
         return None
+    if len(t) > POINTS:
+        t, speed = np.linspace(t[0], t[-1], POINTS), np.interp(np.linspace(t[0], t[-1], POINTS), t, speed)
     unknown = "phi0_dot" if "phi0_dot" in equation.names else "phi0"
     x, y, heading = place
     guess, way = 0.0 if unknown == "phi0_dot" else heading, [(x, y)]

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from vlmb.course import course
 from vlmb.errors import VlmbError
 from vlmb.style import BLACK, DASHES, GREY, PALETTE, finish, legend_beside, link_colour, new_figure, styled
 from vlmb.trajectory import Trajectory
@@ -47,6 +48,9 @@ def _track(runs: Sequence[Trajectory], labels: Sequence[str] | None) -> Figure:
         colour = BLACK if alone else PALETTE[k % len(PALETTE)]
         ax.plot(run["x"], run["y"], color=colour, linestyle=dashes, linewidth=1.6, label="ski" if alone else "_", zorder=3)
         ax.plot(run["x"][:1], run["y"][:1], "o", color=colour, markersize=5, label="start" if alone else "_", zorder=4)
+        way = course(run.scene, run.t, run["speed"], (run["x"][0], run["y"][0], run["phi0"][0]))
+        if way is not None and alone:
+            ax.plot(way[:, 0], way[:, 1], color=PALETTE[2], linestyle=DASHES[1], linewidth=1.2, label="course", zorder=3.5)
         if run.scene.links:
             centre, when = centre_of_mass(run), _even_times(run)
             lean = PALETTE[0] if alone else colour
@@ -58,7 +62,7 @@ def _track(runs: Sequence[Trajectory], labels: Sequence[str] | None) -> Figure:
     if any(run.scene.slope for run in runs):
         _fall_line(ax)
     if len(runs) == 1:
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.2)
     if riders:
         _lean(rows[1], runs)
     return finish(figure, runs, labels, by_link=False)

@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 VIEW_FROM = (-0.62, -1.0, 0.42)  # direction from what is looked at to the camera
 TRAIL_SECONDS = 1.5  # of the way of a tip
 AHEAD = 20.0  # [s] of the way of a programme that a start posture shows
-WAY_POINTS = 3000  # of that way at most
 DENSITY = 1000.0  # [kg/m^3], of what masses are drawn as
 
 
@@ -102,7 +101,7 @@ class Scenery:
 def of_state(mechanism: Mechanism, state: tuple[Any, Any], arrows: bool = False) -> Scenery:
     """Return the scenery of one posture."""
     q, v = np.asarray(state[0], float), np.asarray(state[1], float)
-    times = np.linspace(0.0, min(mechanism.scene.run.duration, AHEAD), WAY_POINTS)
+    times = np.linspace(0.0, min(mechanism.scene.run.duration, AHEAD), round(AHEAD / 0.01))
     programme = _programme(mechanism, times, np.full(len(times), v[0]), q)
     return _build(mechanism, np.zeros(1), q[None], arrows, None, programme)
 
@@ -130,9 +129,6 @@ def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array 
     """The way a programme prescribes from a configuration on."""
     if mechanism.layout.base != "ski":
         return None
-    if len(t) > WAY_POINTS:
-        when = np.linspace(t[0], t[-1], WAY_POINTS)
-        t, speed = when, np.interp(when, t, speed)
     return course(mechanism.scene, t, speed, (float(q[0]), float(q[1]), math.atan2(q[3], q[2])))
 
 
