@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +133,25 @@ def test_joints_in_a_row_carry_what_is_above_them(whole: vlmb.Trajectory) -> Non
         total += (whole.controls[f"M_phi{i}"] / np.cos(psi))[:, None] * u_psi - whole.controls[f"M_psi{i}"][:, None] * u_phi
     forwards, _ = joint_moments(whole)["hip"]
     np.testing.assert_allclose(forwards, (total * left).sum(axis=1), atol=1e-6 * np.abs(forwards).max())
+
+
+# ---- the paper's figures 7 and 8
+
+
+@pytest.mark.slow
+def test_the_papers_figures_are_reproduced(tmp_path: Path) -> None:
+    """O(step) for the first-order scheme, with stabilization and without, O(step^4) for RK4; the paper's set tips over."""
+    words = [sys.executable, str(MODELS.parent / "scripts" / "_figures.py"), str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    slopes = dict(re.findall(r"^  (\(\d\.\d\) [\w ]+): .*slope ([\d.]+)$", done.stdout, re.M))
+    assert len(slopes) == 6, done.stdout
+    for name, slope in slopes.items():
+        assert float(slope) == pytest.approx(4.0 if "RK4" in name else 1.0, rel=0.1), name
+    times = [float(time) for time in re.findall(r"10 deg after ([\d.]+) s", done.stdout)]
+    assert times == [pytest.approx(0.47, abs=0.02), pytest.approx(1.35, abs=0.05)]
+    pictures = {path.stem for path in tmp_path.glob("*.png")}
+    assert pictures >= {"figures_7_and_8", "stabilization", "methods", "tipping_over", "floor_7_5", "floor_8_2"}
 
 
 # ---- with and without stabilization
