@@ -30,7 +30,7 @@ from scipy.linalg import lapack
 
 import vlmb
 from vlmb.coordinates import Layout
-from vlmb.dynamics import RECURSIVE_LINKS, Dynamics
+from vlmb.dynamics import RECURSIVE_LINKS, RECURSIVE_ON_SKI, Dynamics
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.style import BLACK, GREY, PALETTE
 
@@ -136,7 +136,7 @@ def cost(mechanism: Mechanism) -> dict[str, float]:
     links = len(mechanism.layout.links)
     state = posture(mechanism, 0)
     functions: dict[str, Callable[[], object]] = {"bare": bare(mechanism, state)}
-    for route in ("recursive", "dense"):
+    for route in ("recursive", "dense", "subchains"):
         dynamics = Dynamics(mechanism, route=route)
         functions[route] = evaluation(dynamics, dynamics.pack(state))
     seconds = interleaved(functions | parts(mechanism, state), repeats=40 if links <= 8 else 15 if links <= 50 else 5)
@@ -330,7 +330,8 @@ def memory(base: str, links: int) -> dict[str, float]:
     return json.loads(_child(["--memory", base, str(links)]))
 
 
-def _resident() -> int:
+def resident() -> int:
+    """Resident memory [bytes] of this process; 0 where the system does not tell."""
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -341,12 +342,12 @@ def print_memory(base: str, links: int) -> None:
     """Print what building takes, for `memory`."""
     scene = chain(base, links)
     build(chain(base, 1))
-    before = _resident()
+    before = resident()
     mechanism = build(scene)
     dynamics = Dynamics(mechanism, route="dense")
     state = posture(mechanism, 0)
     dynamics.rhs(0.0, dynamics.pack(state))
-    print(json.dumps({"measured": _resident() - before, "estimate": data_bytes(mechanism.model.nv)}))
+    print(json.dumps({"measured": resident() - before, "estimate": data_bytes(mechanism.model.nv)}))
 
 
 IMPORTS = {"vlmb": "import vlmb", "bare": "import pinocchio, scipy.integrate"}
@@ -477,8 +478,9 @@ def report(data: dict[str, Any]) -> str:
     lines += [f"* {base}, ahead in time: {crossover(data['time'][base])}." for base in BASES]
     lines += [f"* {base}, ahead in error: {crossover(data['error'][base])}." for base in BASES]
     lines += [
-        "* `simulate` takes the recursive route for undamped springs on a pivot or in flight "
-        f"up to {RECURSIVE_LINKS} links, else the dense one.",
+        "* `simulate` takes the recursive route for undamped springs, in flight and on a pivot up to "
+        f"{RECURSIVE_LINKS} links and on the ski from {RECURSIVE_ON_SKI}; longer chains go as [sub-chains](long_chains.md) where "
+        "they can be cut; the rest is dense.",
         "",
         "![time and error of both routes](rhs_cost.png)",
         "",
