@@ -22,7 +22,8 @@ for package in ("mkdocs", "mkdocstrings", "material", "math_core", "nbclient", "
     pytest.importorskip(package, reason=f"{package} is not installed, so the site cannot be built")
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "models" / "README.md", ROOT / "CONTRIBUTING.md"])
+OUTSIDE = [ROOT / "models" / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "benchmarks" / "results").glob("*.md")]
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *OUTSIDE])
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 LANGUAGES = {"python", "toml", "console", "sh", "text", ""}
 HERE = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "NO_MKDOCS_2_WARNING": "1"}

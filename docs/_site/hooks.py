@@ -22,14 +22,30 @@ NOTEBOOK = "notebooks/skier"
 FORMULA = re.compile(r'(?P<tag><(?:span|div) class="arithmatex">)\\(?P<open>[(\[])(?P<latex>.*?)\\[)\]]', re.S)
 PICTURES = DOCS / "images" / "gallery"  # what scripts/gallery --docs writes
 PLAYERS = ROOT / "results" / "gallery"  # pages that play, where scripts/gallery wrote them
+REPORTS = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
 LINK = re.compile(r"(\]\()([^)\s#]+)((?:#[^)\s]*)?\))")
 FENCE = re.compile(r"^(?P<fence>```+|~~~+).*?^(?P=fence)[ \t]*$", re.M | re.S)
+
+
+def on_config(config: Any) -> None:
+    """Put the benchmarks into the navigation: the pages on them, then every report, by its title."""
+    pages = [name for name in ("benchmarks.md", "hard_cases.md") if (DOCS / name).exists()]
+    entries = [{title_of(DOCS / name): name} for name in pages]
+    entries += [{title_of(path): f"{REPOSITORY}/{path.relative_to(ROOT).as_posix()}"} for path in REPORTS]
+    for section in config.nav:
+        if "Benchmarks" in section:
+            section["Benchmarks"] = entries
+
+
+def title_of(path: Path) -> str:
+    """Title of a page: its first heading."""
+    return path.read_text(encoding="utf-8").partition("# ")[2].partition("\n")[0].strip()
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Add files of the repository that pages link to, the gallery's pictures and the notebook's page."""
     pages = [f"docs/{file.src_uri}" for file in files.documentation_pages()]
-    seen = {"CONTRIBUTING.md"}
+    seen = {"CONTRIBUTING.md", *(path.relative_to(ROOT).as_posix() for path in REPORTS)}
     waiting = [*pages, *seen]
     while waiting:
         path = waiting.pop()
