@@ -88,7 +88,8 @@ def section(found: Measured, heading: str = "##") -> str:
     header = ["method", *(f"{what} {error:g} m" for what in ("ms to", "rhs to", "steps to") for error in ERRORS)]
     names = _columns(next((entry.errors for entry in found.entries if entry.errors), {}))
     units = [f"{name} [{QUANTITIES.get(name, _unit(name))}]" for name in names]
-    own = ", ".join(f"{name} {pair[1]:.0e}" for name, pair in found.uncertainty.items() if name in QUANTITIES)
+    known = {name: pair[1] for name, pair in found.uncertainty.items() if name in QUANTITIES}
+    own = ", ".join(f"{name} {value:.0e} {QUANTITIES[name]}" for name, value in known.items())
     lines = [
         f"{heading} {found.name}, {found.duration:g} s",
         "",
@@ -122,8 +123,9 @@ def _detail(label: str, entries: Sequence[Entry]) -> list[str]:
         return [label, "failed"]
     near = [entry for entry in good if entry.position <= SHOWN]
     chosen = min(near, key=lambda entry: entry.seconds) if near else min(good, key=lambda entry: entry.position)
+    errors = ["{:.0e} / {:.0e}".format(*chosen.errors[name]) for name in _columns(chosen.errors)]
     kind = "rtol" if find_method(chosen.variant.method).adaptive else "step"
-    return [label, f"{kind} {chosen.setting:.1g}", *("{:.0e} / {:.0e}".format(*chosen.errors[name]) for name in _columns(chosen.errors))]
+    return [label, f"{kind} {chosen.setting:.1g}", *errors]
 
 
 def as_data(found: Measured) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -228,7 +228,8 @@ def _tight(mechanism: Mechanism, method: str, rtol: float, times: Array) -> Traj
 def _first_run(mechanism: Mechanism, variant: Variant, setting: float, times: Array, truth: Motion) -> Entry:
     """Run once with samples: the warm-up, and the errors."""
     trajectory = simulate(mechanism, float(times[-1]), t_eval=times, **_options(variant, setting))
-    entry = Entry(variant, setting, float(trajectory.stats["cpu_time"]))
+    stats = trajectory.stats
+    entry = Entry(variant, setting, float(stats["cpu_time"]), int(stats["rhs_evaluations"]), int(stats["steps"]))
     if trajectory.status == "finished":
         entry.errors = compare(observe(trajectory), truth) | own_errors(trajectory)
     else:
@@ -237,17 +238,14 @@ def _first_run(mechanism: Mechanism, variant: Variant, setting: float, times: Ar
 
 
 def _one_turn(mechanism: Mechanism, entries: Sequence[Entry], end: float, budget: float) -> None:
-    """Time every run once more, failed ones and those over the budget apart."""
-    for entry in _worth_timing(entries, budget):
+    """Time every run once more that finished within the budget; the others keep the time of their first run."""
+    for entry in entries:
+        if entry.failure or entry.seconds > budget:
+            continue
         gc.disable()
         try:
             stats = simulate(mechanism, end, t_eval=[end], **_options(entry.variant, entry.setting)).stats
         finally:
             gc.enable()
-        first = not entry.evaluations
         entry.evaluations, entry.steps = int(stats["rhs_evaluations"]), int(stats["steps"])
-        entry.seconds = float(stats["cpu_time"]) if first else min(entry.seconds, float(stats["cpu_time"]))
-
-
-def _worth_timing(entries: Sequence[Entry], budget: float) -> Iterator[Entry]:
-    return (entry for entry in entries if not entry.failure and (entry.seconds <= budget or not entry.evaluations))
+        entry.seconds = min(entry.seconds, float(stats["cpu_time"]))

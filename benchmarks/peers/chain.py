@@ -94,7 +94,7 @@ def read_chain(scene: dict[str, Any]) -> Chain:
     read = Scene.from_dict(scene)
     plain = not (read.constraints or read.forces or read.programme or read.plane)
     if not plain or read.base.kind == "free":
-        raise UnsupportedError("written for chains of springs on a pivot or a ski: no programme, no constraints, no applied forces")
+        raise UnsupportedError("written for chains of springs on a pivot or a ski: no programme, constraints or applied forces")
     for number, link in enumerate(read.links):
         before = read.links[number - 1].name or f"link{number}" if number else "base"
         if link.parent not in ("", before) or link.parent_point != "tip":
