@@ -183,7 +183,7 @@ def report(data: dict[str, Any]) -> str:
         f"* `simulate` takes one model up to {LONG_CHAIN} links, and sub-chains of {PIECE} links beyond, where the scene is a "
         "chain with nothing but springs and dampers; else the dense route.",
         f"* A run of {data['run']['links']} links over {data['run']['duration']:g} s, rtol 1e-9: "
-        f"{data['run']['rhs_evaluations']} evaluations, energy kept to {data['run']['balance']:.1e} of the largest kinetic energy.",
+        f"{data['run']['rhs_evaluations']} evaluations, energy kept to {data['run']['balance']:.1e} of the largest kinetic one.",
         "",
         "![time, memory and error over the number of links](long_chains.png)",
         "",

@@ -1,4 +1,4 @@
-"""Sub-chains give the one model's accelerations, at a cost that grows with the number of links, and say what they do not serve."""
+"""Sub-chains give the accelerations of the one model at a cost linear in the links, and say what they do not serve."""
 
 from __future__ import annotations
 
