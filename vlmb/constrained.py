@@ -19,7 +19,7 @@ from vlmb.forces import column
 from vlmb.frames import LinkFrames
 from vlmb.gains import largest_stable_step
 from vlmb.mechanism import Mechanism
-from vlmb.programme import ProgrammeControl, control_channels
+from vlmb.programme import ProgrammeControl, control_channels, control_scales
 from vlmb.scene import DEFAULT_STEP, FIXED_STEP, Run
 
 Array = NDArray[np.float64]
@@ -27,14 +27,22 @@ Array = NDArray[np.float64]
 EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
 SIDEWAYS = 1  # index of the ski's sideways velocity in v
+NOTHING = np.zeros(1)
 
 
 class ConstrainedSystem:
-    """Rows and controls of a scene. `held`: the knife edge is the first ideal row (Routh's multiplier)."""
+    """Rows and controls of a scene. `held`: the knife edge is the first ideal row (Routh's multiplier).
 
-    def __init__(self, mechanism: Mechanism, frames: LinkFrames, run: Run, held: bool, gain: float) -> None:
+    `table` holds, one below the other, the forces of the controls in their scales, b, and the rows: J with the
+    knife edge first, W, secondary. The first three are the right sides of one Cholesky, all rows are what its answers are
+    multiplied with. Columns of known accelerations stand apart in a second layer.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, frames: LinkFrames, run: Run, held: bool, gain: float, known: Sequence[int] = ()
+    ) -> None:
         scene, nv = mechanism.scene, mechanism.layout.nv
-        self.mechanism, self.frames, self.held, self.gain = mechanism, frames, held, gain
+        self.mechanism, self.frames, self.held, self.gain, self.known = mechanism, frames, held, gain, list(known)
         programme = scene.programme
         texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
         self.ideal = len(texts)
@@ -43,8 +51,12 @@ class ConstrainedSystem:
         self.servo = len(texts) - self.ideal
         if programme is not None:
             texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
-        channels = control_channels(mechanism)
-        self.rows = Rows(mechanism, frames, texts, [c.coordinate for c in channels if c.coordinate]) if texts else None
+        given = control_channels(mechanism)
+        self.scales = control_scales(mechanism, given)
+        direct = [s for s, channel in enumerate(given) if channel.coordinate]
+        self.bent = [(s, channel) for s, channel in enumerate(given) if not channel.coordinate]
+        pushed = [(given[s].coordinate, self.scales.item(s)) for s in direct]
+        self.rows = Rows(mechanism, frames, texts, pushed) if texts else None
         info: tuple[RowInfo, ...] = self.rows.info if self.rows else ()
         self.info = info[: self.ideal + self.servo]
         if (held or self.ideal) and gain > 0.0 and run.method in FIXED_STEP:
@@ -55,121 +67,156 @@ class ConstrainedSystem:
                     f"{run.step or DEFAULT_STEP:g} s; the largest stable step is {limit:.6g} s: reduce gain or step"
                 )
         self.programme: ProgrammeControl | None = None
+        law = np.zeros((held + len(info), 3 * len(info) + len(self.rows.places if self.rows else ())))
+        holonomic = np.array([row.holonomic for row in info], dtype=bool)
+        h, k = np.diag(-(gain**2) * holonomic), np.diag(np.where(holonomic, -2.0 * gain, -gain))
         if programme is not None:
             split = self.ideal + self.servo
             self.programme = ProgrammeControl(mechanism, info[self.ideal : split], info[split:], run)
-        names = self.rows.motion.names if self.rows else ()
-        self.direct = [(s, names.index(c.coordinate)) for s, c in enumerate(channels) if c.coordinate]
-        self.bent = [(s, c) for s, c in enumerate(channels) if not c.coordinate]
-        self.take = np.array([k for _, k in self.direct], dtype=np.intp)
-        self.multipliers = np.zeros(held + self.ideal)
-        self.controls = np.zeros(len(channels))
-        self.columns = np.zeros((len(channels), nv))  # B^T
-        self.right = np.zeros((nv, 1 + held + self.ideal + len(channels)), order="F")
-        self.apart = [0, *range(1 + held + self.ideal, self.right.shape[1])]  # columns of b and of the controls
-        self.jacobian = np.zeros((held + len(info), nv))
+            servo, second = slice(self.ideal, split), slice(split, None)
+            h[servo, servo], k[servo, servo] = self.programme.gains()
+            h[second, second], k[second, second] = self.programme.secondary_gains()
+        law[held:, : 3 * len(info)] = np.hstack([h, k, -np.eye(len(info))])
+        self.law = law  # (z, z', drift, entries) -> what W vdot shall be
+        self.count, self.acting = held + self.ideal, len(given)
+        self.names = (("knife_edge",) if held else ()) + tuple(row.text for row in info[: self.ideal])
+        down = self.acting + 1 + held + len(info)
+        self.memory = np.zeros(2 * down * nv + 3 * len(info))  # the table; and where z, z' and drift go when entries are put
+        self.table = self.memory[: 2 * down * nv].reshape(2, down, nv)
+        self.free, self.apart = self.table
+        self.right = self.free[: self.acting + 1 + self.count].T
+        self.load, self.columns = self.free[self.acting], self.free[: self.acting]
+        self.jacobian = self.free[self.acting + 1 :].T
         if held:
-            self.jacobian[0, SIDEWAYS] = 1.0
-        holonomic = np.array([row.holonomic for row in info[: self.ideal]], dtype=bool)
-        self.damping = np.where(holonomic, 2.0 * gain, gain)
+            self.jacobian[SIDEWAYS, 0] = 1.0
+        self.numbers = NOTHING
+        self.shares = np.ones(self.acting + 1 + self.count)  # controls in their scales, 1 (of b), multipliers
+        self.scaled = self.shares[: self.acting]
+        if self.rows is not None:
+            places = [self._place(direct, *place) for place in self.rows.places]
+            self.places = np.array([*range(2 * down * nv, len(self.memory)), *places], dtype=np.intp)
+            for place, value in self.rows.constants.items():
+                self.table.flat[self._place(direct, *place)] = value
+        self.working = np.array([held + k for k, row in enumerate(info[: self.ideal]) if row.working], dtype=np.intp)
+        self.working_names = tuple(self.names[k] for k in self.working)
+
+    def _place(self, direct: Sequence[int], row: int, at: int) -> int:
+        """Flat place in `table` of an entry of the rows, or of the forces of `direct` controls that stand below them."""
+        assert self.rows is not None
+        down = self.acting + 1 + self.held + row if row < self.rows.count else direct[row - self.rows.count]
+        return ((at in self.known) * len(self.free) + down) * self.free.shape[1] + at
 
     @property
     def needed(self) -> bool:
         """Whether there is anything to solve for beside the accelerations."""
         return self.held or self.rows is not None
 
-    def write_columns(self, reference: Sequence[float]) -> Array:
-        """Return B^T (S, nv): tau of a unit of each control; the rows must have been evaluated here."""
-        if self.rows is not None and self.direct:
-            if self.bent:
-                self.columns[[s for s, _ in self.direct]] = self.rows.motion.map[self.take]
-            else:
-                self.rows.motion.map.take(self.take, axis=0, out=self.columns)
-        for s, channel in self.bent:
-            column(channel, self.frames, reference, self.columns[s])
-        return self.columns
+    @property
+    def controls(self) -> Array:
+        """Controls u (S,) of the last solution."""
+        return self.shares[: self.acting] * self.scales
 
-    def solve(self, t: float, q: Array, v: Array, b: Array, known: Sequence[int], reference: Sequence[float]) -> Array | None:
-        """Return vdot, None where M (crossed already, overwritten) is singular; leaves `multipliers` and `controls`.
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers of the last solution, the knife edge's first where it is one."""
+        return self.shares[self.acting + 1 :]
 
-        Raises SingularError for contradicting rows, and for a programme that cannot be met.
+    def solve(self, t: float, q: Array, v: Array, b: Array, given: Array | None, reference: Sequence[float]) -> Array | None:
+        """Return vdot, None where M (crossed already, overwritten) is singular; leaves `shares`.
+
+        `given` (nv,) are known accelerations, None if all are 0. Raises SingularError for contradicting rows, and for a
+        programme that cannot be met.
         """
-        held, ideal, count = self.held, self.ideal, self.held + self.ideal
-        right, jacobian, multipliers = self.right, self.jacobian, self.multipliers
-        right[:, 0] = b
-        if self.rows is not None:
-            values = self.rows.evaluate(t, q, v, reference)
-            if held:
-                jacobian[held:] = values.jacobian
-            else:
-                self.jacobian = jacobian = values.jacobian
-        if count:
-            right[:, 1 : 1 + count] = jacobian[:count].T
-        if self.programme is not None:
-            right[:, 1 + count :] = self.write_columns(reference).T
-        for k in known:
-            right[k, 1:] = 0.0
-        _, answer, info = lapack.dposv(self.mechanism.data.M, right, overwrite_a=1)
+        count, acting, shares, rows = self.count, self.acting, self.shares, self.rows
+        self.load[:] = b
+        wanted = NOTHING
+        if rows is not None:
+            self.numbers = numbers = rows.numbers(t, q, v, reference)
+            self.memory.put(self.places, numbers)
+            wanted = self.law.dot(numbers)
+        if self.held:
+            wanted[0] = -self.gain * v.item(SIDEWAYS)
+        if self.bent:
+            self._bend(reference)
+        if given is not None:
+            wanted -= self.apart[acting + 1 :].dot(given)
+        _, answer, info = lapack.dposv(self.mechanism.data.M, self.right, overwrite_a=1)
         if info:
             return None
-        moved = jacobian.dot(answer)  # every row's acceleration by b, by each multiplier, by each control
+        moved = answer.T.dot(self.jacobian)  # accelerations of the rows by each control, by b, by each multiplier
+        lacking = moved[acting]
+        np.subtract(wanted, lacking, lacking)
         if count:
-            gamma = np.zeros(count)
-            if held:
-                gamma[0] = -self.gain * v.item(SIDEWAYS)
-            if ideal:
-                gamma[held:] = -values.drift[:ideal] - self.damping * values.rate[:ideal] - self.gain**2 * values.z[:ideal]
-            top = moved[:count]
-            top[:, 0] -= gamma
-            solved = self._schur(top[:, 1 : 1 + count], top[:, self.apart])
-        if self.programme is None:
-            multipliers[:] = -solved[:, 0]
-            vdot: Array = answer[:, 0] + answer[:, 1:].dot(multipliers)
-            return vdot
-        first, last = ideal, ideal + self.servo
-        rows = moved[held + first :]
+            solved = self._schur(moved[acting + 1 :, :count].T, moved[: acting + 1, :count].T)
+            moved = moved[: acting + 1, count:] - solved.T.dot(moved[acting + 1 :, count:])
+        if self.programme is not None:
+            self.scaled[:] = self.programme.solve(t, moved[:acting].T, moved[acting])
         if count:
-            rows = rows[:, self.apart] - rows[:, 1 : 1 + count].dot(solved)
-        programme, servo = self.programme, self.servo
-        beta = programme.wanted(values.z[first:last], values.rate[first:last], values.drift[first:last])
-        beta -= rows[:servo, 0]
-        second = None
-        if len(rows) > servo:
-            aim = programme.wanted_second(values.z[last:], values.rate[last:], values.drift[last:])
-            second = rows[servo:, 1:], aim - rows[servo:, 0]
-        self.controls[:] = u = programme.solve(t, rows[:servo, 1:], beta, second)
-        if count:
-            multipliers[:] = -solved[:, 0] - solved[:, 1:].dot(u)
-            return answer.dot(np.concatenate([[1.0], multipliers, u]))
-        result: Array = answer[:, 1:].dot(u)
-        result += answer[:, 0]
+            shares[acting + 1 :] = solved[:, acting] - solved[:, :acting].dot(shares[:acting])
+        result: Array = answer.dot(shares)
         return result
 
-    def generalized(self) -> Array:
-        """Return J^T lambda + B u (nv,) of the last solution."""
-        answer: Array = self.multipliers.dot(self.jacobian[: len(self.multipliers)]) + self.controls.dot(self.columns)
-        return answer
+    def require_finite(self) -> None:
+        """Raise SimulationError naming the rows without a finite value at the last solution."""
+        if self.rows is not None:
+            self.rows.require_finite(self.numbers)
+
+    def forces(self) -> Array:
+        """Return B u (nv,) of the last solution."""
+        both: Array = self.shares[: self.acting].dot(self.free[: self.acting] + self.apart[: self.acting])
+        return both
+
+    def on_known(self) -> Array:
+        """Return J^T lambda + B u (nv,) of the last solution on known accelerations, 0 elsewhere."""
+        both: Array = self.shares.dot(self.apart[: len(self.shares)])
+        return both
+
+    def powers(self, v: Array) -> Array:
+        """Return the powers [W] of the controls, then of the ideal rows that work, at the last solution."""
+        acting = self.acting
+        powers: Array = self.columns.dot(v)
+        powers *= self.scaled
+        if self.working.size:
+            at = self.working + acting + 1
+            powers = np.concatenate([powers, (self.free[at] + self.apart[at]).dot(v) * self.shares[at]])
+        return powers
+
+    def _bend(self, reference: Sequence[float]) -> None:
+        """Write the forces of hinge torques."""
+        for s, channel in self.bent:
+            column(channel, self.frames, reference, self.free[s])
+            self.free[s] *= self.scales[s]
+            self.apart[s, self.known] = self.free[s, self.known]
+            self.free[s, self.known] = 0.0
 
     def _schur(self, matrix: Array, right: Array) -> Array:
-        """Solve (J M^-1 J^T) x = right; the least x where rows repeat each other, SingularError where they contradict."""
-        names = (("knife_edge",) if self.held else ()) + tuple(row.text for row in self.info[: self.ideal])
-        diagonal = np.diag(matrix).copy()
-        empty = diagonal <= EMPTY * (self.jacobian[: len(names)] ** 2).sum(axis=1)
-        if empty.any():  # rows that act on known accelerations alone
-            if np.abs(right[empty, 0]).max() > 1e-6:
-                worst = [repr(names[k]) for k in np.flatnonzero(empty)]
+        """Solve (J M^-1 J^T) x = right; the least x where rows repeat each other, SingularError where they contradict.
+
+        The last column of `right` is what the rows lack.
+        """
+        first = self.acting + 1
+        sizes = np.einsum("lij,lij->i", *[self.table[:, first : first + self.count]] * 2).tolist()
+        diagonal = matrix.diagonal().tolist()
+        empty = [k for k, (own, size) in enumerate(zip(diagonal, sizes, strict=True)) if own <= EMPTY * size]
+        if empty:  # rows that act on known accelerations alone
+            if np.abs(right[empty, -1]).max() > 1e-6:
+                worst = [repr(self.names[k]) for k in empty]
                 raise SingularError(f"{', '.join(worst)} asks for what is known otherwise here: drop it")
             matrix, right = matrix.copy(), right.copy()
             matrix[empty], matrix[:, empty], right[empty] = 0.0, 0.0, 0.0
             matrix[empty, empty] = 1.0
-            diagonal[empty] = 1.0
+            diagonal = matrix.diagonal().tolist()
         factor, answer, info = lapack.dposv(matrix, right)
-        if not info and (np.diag(factor) ** 2 > REPEATED * diagonal).all():
+        pivots = factor.diagonal().tolist()
+        if not info and all(pivot * pivot > REPEATED * own for pivot, own in zip(pivots, diagonal, strict=True)):
             return answer
+        if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+            self.require_finite()
+            raise SingularError("the ideal constraints have no finite values here")
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=1e-10)[0] / scale[:, None]
         error = np.abs(matrix @ answer - right)
         if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
-            worst = [repr(names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
+            worst = [repr(self.names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
             raise SingularError(f"the ideal constraints {', '.join(worst)} contradict each other here: drop one of them")
         return answer

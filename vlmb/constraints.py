@@ -31,6 +31,7 @@ class RowInfo:
     holonomic: bool
     angle: bool  # z is a difference of angles: wrapped to (-pi, pi]
     names: frozenset[str]
+    working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
     azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
 
 
@@ -44,14 +45,18 @@ class RowValues(NamedTuple):
 
 
 class Rows:
-    """Compiled rows. `evaluate` needs up-to-date frames (crba in WORLD convention).
+    """Compiled rows, and the forces conjugate to coordinates. Evaluating needs up-to-date frames (crba in WORLD convention).
 
     Ideal rows that equate two azimuths are taken in their regular form, cos psi sin(phi_i - phi_j) = 0 through the
-    directions, which has no pole. `extra` names variables that `motion` shall follow beside those of the rows.
+    directions, which has no pole. `pushed` are (coordinate, scale): their rows of L times the scale stand below W.
     """
 
     def __init__(
-        self, mechanism: Mechanism, frames: LinkFrames, texts: Sequence[tuple[str, str, bool]], extra: Sequence[str] = ()
+        self,
+        mechanism: Mechanism,
+        frames: LinkFrames,
+        texts: Sequence[tuple[str, str, bool]],
+        pushed: Sequence[tuple[str, float]] = (),
     ) -> None:
         """Compile (text, key path, ideal) rows."""
         names = allowed_names(mechanism)
@@ -64,31 +69,36 @@ class Rows:
         self.texts = tuple(info.text for info in self.info)
         self.count = len(self.info)
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
-        self.angles = [k for k, info in enumerate(self.info) if info.angle]
         used = _used(symbols, residuals)
-        self.motion = Motion(mechanism, frames, [*used, *(name for name in extra if name not in used)])
-        self.function, self.places = _compile(symbols, residuals, self.info, self.motion.names)
-        self.coefficients = np.zeros((self.count, self.motion.size))
+        self.motion = Motion(symbols, frames, [*used, *(name for name, _ in pushed if name not in used)])
+        self.function, self.places, self.constants = _compile(symbols, residuals, self.info, used, self.motion, pushed)
+        self.matrix = np.zeros((self.count + len(pushed), mechanism.layout.nv))
+        for place, value in self.constants.items():
+            self.matrix[place] = value
+        self.varying = np.array([row * mechanism.layout.nv + at for row, at in self.places], dtype=np.intp)
+
+    def numbers(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> Array:
+        """Return z, z', drift of z' (3 r), then the entries at `places`, (row, velocity), of W and what stands below it.
+
+        Entries that never change are in `constants`. All is nan where an equation has no value.
+        """
+        return np.array(self.function(*self.motion.numbers(t, q, v, reference)))
 
     def evaluate(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> RowValues:
         """Evaluate all rows at a state. Raises SimulationError where an equation has no finite value."""
-        motion, count = self.motion, self.count
-        values, rates, drifts = motion.evaluate(q, v, reference)
-        answer = self.function(t, *values, *rates, *drifts)
-        if not math.isfinite(sum(answer)):
-            raise self._not_finite(answer)
-        numbers = np.array(answer)
-        z = numbers[:count]
-        for k in self.angles:
-            z[k] = math.remainder(answer[k], math.tau)
-        self.coefficients.put(self.places, numbers[3 * count :])
-        return RowValues(z, numbers[count : 2 * count], self.coefficients.dot(motion.map), numbers[2 * count : 3 * count])
+        numbers, count = self.numbers(t, q, v, reference), self.count
+        self.require_finite(numbers)
+        self.matrix.put(self.varying, numbers[3 * count :])
+        return RowValues(numbers[:count], numbers[count : 2 * count], self.matrix[:count].copy(), numbers[2 * count : 3 * count])
 
-    def _not_finite(self, answer: tuple[float, ...]) -> SimulationError:
-        count = self.count
-        bad = [k for k in range(count) if not all(map(math.isfinite, (answer[k], answer[count + k], answer[2 * count + k])))]
-        named = " and ".join(repr(self.texts[k]) for k in bad) or ", ".join(map(repr, self.texts))
-        return SimulationError(f"the equation {named} has no finite value here")
+    def require_finite(self, numbers: Array) -> None:
+        """Raise SimulationError naming the rows without a finite value."""
+        if not np.isfinite(numbers).all():
+            bad = np.flatnonzero(~np.isfinite(numbers[: 3 * self.count]).reshape(3, -1).all(axis=0)).tolist()
+            entries = zip(self.places, numbers[3 * self.count :].tolist(), strict=True)
+            bad += [row for (row, _), entry in entries if not math.isfinite(entry)]
+            named = " and ".join(repr(self.texts[k]) for k in sorted(set(bad)) if k < self.count)
+            raise SimulationError(f"the equation {named or ', '.join(map(repr, self.texts))} has no finite value here")
 
 
 def _residual(symbols: Symbols, equation: Equation, ideal: bool) -> Any:
@@ -127,7 +137,9 @@ def _classify(symbols: Symbols, equation: Equation, residual: Any, key: str, ide
     turning = {symbols.value[name] for name, b in symbols.variables.items() if b.kind in ("phi", "psi", "phi0")}
     angle = holonomic and free & values <= turning and all(abs(residual.diff(s)) == 1 for s in free & values)
     azimuths = _azimuths(symbols, equation) if ideal else None
-    return RowInfo(equation.text, holonomic, bool(angle), equation.names, azimuths)
+    driven = residual.diff(symbols.time) if holonomic else residual - sum(residual.diff(rate) * rate for rate in free & rates)
+    working = symbols.sympy.expand(driven) != 0
+    return RowInfo(equation.text, holonomic, bool(angle), equation.names, working, azimuths)
 
 
 def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:
@@ -136,26 +148,29 @@ def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:
 
 
 def _compile(
-    symbols: Symbols, residuals: Sequence[Any], info: Sequence[RowInfo], used: Sequence[str]
-) -> tuple[Callable[..., tuple[float, ...]], NDArray[np.intp]]:
-    """One scalar function of (t, b, b', drift of b) giving z, z', drift of z', and the nonzero dz'/db'."""
-    sympy = symbols.sympy
-    drifts = {name: sympy.Symbol(f"a{k}", real=True) for k, name in enumerate(used)}
-    b, rate = symbols.value, symbols.rate
-    z = [residual if row.holonomic else sympy.Integer(0) for residual, row in zip(residuals, info, strict=True)]
-    speeds, drift, coefficients, places = [], [], [], []
-    for k, (residual, row) in enumerate(zip(residuals, info, strict=True)):
+    symbols: Symbols, residuals: Sequence[Any], info: Sequence[RowInfo], used: Sequence[str], motion: Motion,
+    pushed: Sequence[tuple[str, float]],
+) -> tuple[Callable[..., tuple[float, ...]], list[tuple[int, int]], dict[tuple[int, int], float]]:  # fmt: skip
+    """One scalar function giving z, z', drift of z' and the varying entries of W; their places; the constant entries."""
+    sympy, b, rate = symbols.sympy, symbols.value, symbols.rate
+    z, speeds, drift, covectors = [], [], [], []
+    for residual, row in zip(residuals, info, strict=True):
         speed = residual
         if row.holonomic:
             speed = sum((residual.diff(b[name]) * rate[name] for name in used), residual.diff(symbols.time))
+        slopes = {name: slope for name in used if (slope := speed.diff(rate[name])) != 0}
         curve = speed.diff(symbols.time)
-        for j, name in enumerate(used):
-            slope = speed.diff(rate[name])
-            curve += speed.diff(b[name]) * rate[name] + slope * drifts[name]
-            if slope != 0:
-                coefficients.append(slope)
-                places.append(k * len(used) + j)
+        for name in used:
+            curve += speed.diff(b[name]) * rate[name] + slopes.get(name, 0) * motion.drifts[name]
+        wrapped = sympy.Function("remainder")(residual, sympy.Float(math.tau)) if row.angle else residual
+        z.append(wrapped if row.holonomic else sympy.Integer(0))
         speeds.append(speed)
         drift.append(curve)
-    arguments = [symbols.time, *(b[name] for name in used), *(rate[name] for name in used), *drifts.values()]
-    return compile_scalar([*z, *speeds, *drift, *coefficients], arguments), np.array(places, dtype=np.intp)
+        covectors.append(motion.covector(slopes))
+    for name, scale in pushed:
+        covectors.append({at: scale * entry for at, entry in motion.covector({name: sympy.Integer(1)}).items()})
+    entries = {(row, at): entry for row, covector in enumerate(covectors) for at, entry in covector.items()}
+    constants = {place: float(entry) for place, entry in entries.items() if entry.is_Number}
+    varying = {place: entry for place, entry in entries.items() if place not in constants}
+    function = compile_scalar([*z, *speeds, *drift, *varying.values()], motion.arguments, motion.steps)
+    return function, list(varying), constants

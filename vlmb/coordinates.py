@@ -20,6 +20,7 @@ from vlmb.errors import SceneError, finite, nearest
 Array = NDArray[np.float64]
 
 POLE = 1e-6  # cos(psi) below which an azimuth is not read, and M_phi not applied
+QUARTER_TURN = 0.25 * math.pi**2  # [rad^2]
 OFF_POLE = 0.3  # cos(psi) above which an azimuth goes on smoothly from sample to sample
 BASE_COORDINATES = {"pivot": (), "ski": ("x", "y", "phi0"), "free": ("x", "y", "z")}
 
@@ -176,6 +177,8 @@ def read_angles(direction: Sequence[float], reference: tuple[float, float] | Non
         distance = delta_phi * delta_phi + delta_psi * delta_psi
         if distance < best:
             best, angles = distance, (reference[0] + delta_phi, reference[1] + delta_psi)
+        if best < QUARTER_TURN:
+            break  # the other one is further away
     return angles
 
 

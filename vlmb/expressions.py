@@ -14,6 +14,7 @@ import re
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from graphlib import TopologicalSorter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -164,28 +165,41 @@ def second_order(
     return gradients, [{(i, j): s for i, g in each.items() for j, s in slopes(g, i).items()} for each in gradients]
 
 
-def compile_scalar(outputs: Sequence[sympy.Expr], arguments: Sequence[sympy.Symbol]) -> Callable[..., tuple[float, ...]]:
+def compile_scalar(
+    outputs: Sequence[sympy.Expr], arguments: Sequence[sympy.Symbol], steps: Mapping[sympy.Symbol, sympy.Expr] | None = None
+) -> Callable[..., tuple[float, ...]]:
     """Compile expressions to one scalar function of Python floats; common subexpressions are shared.
 
+    `steps` are intermediate results that outputs and other steps use, in any order; those nobody uses are left out.
     All outputs are nan where one is outside its domain (log of 0, overflow). DiracDelta, an impulse, is 0.
     """
     import sympy
+
+    outputs, steps = [sympy.sympify(output, strict=True) for output in outputs], dict(steps or {})
+    unknown = set().union(*(each.free_symbols for each in (*outputs, *steps.values()))) - {*arguments, *steps}
+    if unknown:
+        raise VlmbError(f"cannot compile: {sorted(map(str, unknown))} are no arguments; add them to {list(arguments)}")
+    plain = [  # so that no name of a scene file enters the generated source
+        {symbol: sympy.Symbol(f"{letter}{k}", **symbol.assumptions0) for k, symbol in enumerate(symbols)}
+        for letter, symbols in (("a", arguments), ("s", steps))
+    ]
+    names = plain[0] | plain[1]
+    steps = {names[symbol]: steps[symbol].xreplace(names) for symbol in _needed(outputs, steps)}
+    outputs = [output.xreplace(names) for output in outputs]
 
     def is_power(node: Any) -> bool:  # ** would answer a negative base by a complex number, math.pow raises
         return node.is_Pow and node.exp.is_Number and not node.exp.is_Integer and abs(node.exp) != sympy.S.Half
 
     def share(expressions: Any) -> tuple[Any, Any]:
         power = sympy.Function("pow")
-        pairs, reduced = sympy.cse([each.replace(is_power, lambda n: power(*n.args)) for each in expressions])
-        return pairs, tuple(reduced)
+        pairs, reduced = sympy.cse([each.replace(is_power, lambda n: power(*n.args)) for each in (*expressions, *steps.values())])
+        made = dict([*pairs, *zip(steps, reduced[len(expressions) :], strict=True)])
+        results = tuple(reduced[: len(expressions)])
+        return [(symbol, made[symbol]) for symbol in _needed(results, made)], results
 
-    outputs = [sympy.sympify(output, strict=True) for output in outputs]
-    unknown = set().union(*(output.free_symbols for output in outputs)) - set(arguments)
-    if unknown:
-        raise VlmbError(f"cannot compile: {sorted(map(str, unknown))} are no arguments; add them to {list(arguments)}")
     helpers = {"Sign": _sign, "Heaviside": lambda x, _: 0.5 + 0.5 * _sign(x), "DiracDelta": lambda *_: 0.0}
-    try:  # with dummify no name of a scene file enters the generated source
-        function = sympy.lambdify(arguments, tuple(outputs), [helpers, "math"], dummify=True, cse=share)
+    try:
+        function = sympy.lambdify(list(plain[0].values()), tuple(outputs), [helpers, "math"], cse=share)
     except (RecursionError, MemoryError, SyntaxError):
         raise VlmbError("these expressions, or their derivatives, are too long to compile; simplify them") from None
     undefined = (math.nan,) * len(outputs)
@@ -197,6 +211,18 @@ def compile_scalar(outputs: Sequence[sympy.Expr], arguments: Sequence[sympy.Symb
             return undefined
 
     return compiled
+
+
+def _needed(outputs: Sequence[Any], steps: Mapping[Any, Any]) -> list[Any]:
+    """List the symbols of the steps that outputs rest on, each after those it rests on itself."""
+    needs: dict[Any, Any] = {}
+    waiting = [symbol for output in outputs for symbol in output.free_symbols & steps.keys()]
+    while waiting:
+        symbol = waiting.pop()
+        if symbol not in needs:
+            needs[symbol] = steps[symbol].free_symbols & steps.keys()
+            waiting += needs[symbol]
+    return list(TopologicalSorter(needs).static_order())
 
 
 def time_law(text: str | float, parameters: Mapping[str, float], key: str) -> Law:

@@ -7,7 +7,7 @@ drift, the second derivative at vdot = 0, so that b'' = L_b vdot + drift. Points
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 AXES = "xyz"
+YAW = 2  # index of the ski's yaw rate in v
 
 
 @dataclass(frozen=True)
@@ -138,114 +139,161 @@ class Symbols:
 
 
 class Motion:
-    """Values, rates, drifts and the map L (b' = L v) of chosen variables, at the configuration of the frames."""
+    """Straight-line code for chosen variables: b, b' = L_b v and its drift, as steps from numbers read at a state.
 
-    def __init__(self, mechanism: Mechanism, frames: LinkFrames, names: Sequence[str]) -> None:
-        layout = mechanism.layout
-        known = variables(layout)
-        names = sorted(names, key=lambda name: not layout.plane and known[name].kind in ("phi", "psi", "d"))
-        self.layout, self.frames, self.names = layout, frames, tuple(names)  # those that turn with a link come last
-        self.size = len(self.names)
-        chosen = [known[name] for name in names]
-        plain = [(k, b) for k, b in enumerate(chosen) if b.kind not in ("phi", "psi", "d") or layout.plane]
-        straight = ("xi",) if layout.base == "ski" else ("xi", "x", "y", "z")  # read off q and v as they are
-        self.lengths = [(k, b.at, b.v) for k, b in plain if b.kind in straight]
-        self.others = [(k, b) for k, b in plain if b.kind not in straight]
-        turning = [(k, b) for k, b in enumerate(chosen) if b.kind in ("phi", "psi", "d") and not layout.plane]
-        self.links = {i: _LinkPlaces(layout, i, turning) for i in sorted({b.link for _, b in turning})}
-        self.chain = [i for i in layout.order if any(i in layout.path(k) for k in self.links)]
-        self.supports = frames.supports[self.chain]
-        self.masks = np.array([frames.supports[b.link] for _, b in turning]).reshape(-1, layout.nv)
-        self.map = np.zeros((self.size, layout.nv))
-        self.turning = self.map[self.size - len(turning) :]
-        for k, b in plain:
-            if b.v >= 0 and not (layout.base == "ski" and b.kind in "xy"):
-                self.map[k, b.v] = 1.0
-            elif b.kind == "psi":
-                for i in layout.path(b.link):
-                    self.map[k, layout.links[i].v] = 1.0
+    `steps` holds intermediate results for `compile_scalar`, value and rate of every variable among them; `drifts` the second
+    derivatives at vdot = 0. What turns with a link has a torque N_b on the link conjugate to b instead of a row of L:
+    b' = N_b . omega, so that L_b = N_b . (axes of the balls on the link's path, and of the ski's yaw).
+    """
 
-    def evaluate(self, q: Array, v: Array, reference: Sequence[float]) -> tuple[list[float], list[float], list[float]]:
-        """Return values, rates and drifts (lists of self.size); `self.map` is L. Angles near `reference`."""
-        qs, vs = q.tolist(), v.tolist()
-        values, rates, drifts = [0.0] * self.size, [0.0] * self.size, [0.0] * self.size
-        for k, at, to in self.lengths:
-            values[k], rates[k] = qs[at], vs[to]
-        for k, b in self.others:
-            self._base(k, b, qs, vs, reference, values, rates, drifts)
+    def __init__(self, symbols: Symbols, frames: LinkFrames, names: Sequence[str]) -> None:
+        layout = symbols.layout
+        self.symbols, self.layout, self.names = symbols, layout, tuple(names)
+        self.steps: dict[Any, Any] = {}
+        self.drifts: dict[str, Any] = {}
+        self.rows: dict[str, dict[int, Any]] = {}  # L_b of what does not turn with a link, by velocity
+        self.torques: dict[str, tuple[int, list[Any]]] = {}  # link and N_b of what does
+        chosen = {name: symbols.variables[name] for name in names}
+        turning = {name: b for name, b in chosen.items() if b.kind in ("phi", "psi", "d") and not layout.plane}
+        self.chain = [i for i in layout.order if any(i in layout.path(b.link) for b in turning.values())]
+        self.headed = "phi0" in chosen
+        self.angled = [i for i in self.chain if {f"phi{i + 1}", f"psi{i + 1}"} & turning.keys()]
+        self.pathless = {i for i in self.angled if f"phi{i + 1}" in turning}  # those that have no azimuth at the pole
+        balls = [layout.links[i].v for i in self.chain]
+        first, end = min(balls, default=0), max(balls, default=-3) + 3
+        self.axes = frames.angular[:, first:end]  # live, in the surface frame
+        self.places = {i: layout.links[i].v - first for i in self.chain}
+        self.q, self.v = self._symbols("q", layout.nq), self._symbols("v", layout.nv)
+        columns = [self._symbols(f"e{axis}", end - first) for axis in AXES]
+        self.heading = self._symbols("heading", int(self.headed))
+        self.angles = {i: self._symbols(f"angle{i}", 2) for i in self.angled}
+        read = [angle for pair in self.angles.values() for angle in pair]
+        self.arguments = [symbols.time, *self.q, *self.v, *(e for axis in columns for e in axis), *self.heading, *read]
+        self.balls = {i: [[axis[at + k] for axis in columns] for k in range(3)] for i, at in self.places.items()}
+        for name, b in chosen.items():
+            if name not in turning:
+                self._plain(name, b)
+        self._turn(turning)
+
+    def numbers(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> list[float]:
+        """Read the arguments at a state; angles near `reference`. The frames must be up to date (crba in WORLD convention)."""
+        qs = q.tolist()
+        found = [t, *qs, *v.tolist()]
+        xs: list[float] = []
         if self.chain:
-            moments: list[Sequence[float]] = [()] * len(self.turning)
-            omegas = (self.supports * v).dot(self.frames.angular.T).tolist()
-            self._turn(omegas, vs, reference, values, rates, drifts, moments)
-            np.multiply(np.array(moments).dot(self.frames.angular), self.masks, self.turning)
-        return values, rates, drifts
-
-    def _base(self, k: int, b: Variable, qs: list[float], vs: list[float], reference: Sequence[float],
-               values: list[float], rates: list[float], drifts: list[float]) -> None:  # fmt: skip
-        kind = b.kind
-        if kind == "phi0":
+            xs, ys, zs = self.axes.tolist()
+            found += xs
+            found += ys
+            found += zs
+        if self.headed:
             near = reference[2]
-            values[k] = near + math.remainder(math.atan2(qs[3], qs[2]) - near, math.tau)
-            rates[k] = vs[2]
-        elif kind == "speed":
-            rates[k] = vs[0]
-        elif kind == "psi":  # in a plane
-            for i in self.layout.path(b.link):
-                values[k] += qs[self.layout.links[i].q]
-                rates[k] += vs[self.layout.links[i].v]
-        else:  # x and y of a ski
-            c, s, forward, left, yaw = qs[2], qs[3], vs[0], vs[1], vs[2]
-            x_rate, y_rate, row = c * forward - s * left, s * forward + c * left, self.map[k]
-            values[k] = qs[b.at]
-            if kind == "x":
-                row[0], row[1], rates[k], drifts[k] = c, -s, x_rate, -yaw * y_rate
+            found.append(near + math.remainder(math.atan2(qs[3], qs[2]) - near, math.tau))
+        for i in self.angled:
+            k, at = self.places[i], self.layout.index[f"psi{i + 1}"]
+            x, y = xs[k], ys[k]
+            if i in self.pathless and x * x + y * y < POLE * POLE:
+                raise self._no_azimuth(i)
+            found += read_angles((x, y, zs[k]), (reference[at - 1], reference[at]))
+        return found
+
+    def covector(self, slopes: Mapping[str, Any]) -> dict[int, Any]:
+        """Return the nonzero entries of sum(slope_b L_b) by velocity."""
+        row: dict[int, Any] = {}
+        on: dict[int, list[Any]] = {i: [0, 0, 0] for i in (-1, *self.chain)}
+        for name, slope in slopes.items():
+            if name in self.rows:
+                for at, entry in self.rows[name].items():
+                    row[at] = row.get(at, 0) + slope * entry
             else:
-                row[0], row[1], rates[k], drifts[k] = s, c, y_rate, yaw * x_rate
+                link, torque = self.torques[name]
+                on[link] = [total + slope * part for total, part in zip(on[link], torque, strict=True)]
+        for i in reversed(self.chain):  # a ball carries the torques on all that hangs on it
+            on[i] = [self._let(part) for part in on[i]]
+            for k, axis in enumerate(self.balls[i]):
+                row[self.layout.links[i].v + k] = _dot(on[i], axis)
+            parent = self.layout.links[i].parent
+            on[parent] = [total + part for total, part in zip(on[parent], on[i], strict=True)]
+        if self.layout.base == "ski":
+            row[YAW] = row.get(YAW, 0) + on[-1][2]
+        return {at: entry for at, entry in row.items() if entry != 0}
 
-    def _turn(self, omegas: list[list[float]], vs: list[float], reference: Sequence[float],
-              values: list[float], rates: list[float], drifts: list[float], moments: list[Sequence[float]]) -> None:  # fmt: skip
-        """Fill in what turns with a link: d' = omega x d, d'' at vdot = 0 is omega' x d + omega x d'.
+    def _symbols(self, name: str, count: int) -> list[Any]:
+        return [self.symbols.sympy.Symbol(f"{name}_{k}", real=True) for k in range(count)]
 
-        omega' = -sum over the path of omega_k x omega_parent; N_b in `moments` is the torque conjugate to b.
-        """
-        yaw = vs[2] if self.layout.base == "ski" else 0.0
-        turns: dict[int, tuple[float, ...]] = {-1: (0.0, 0.0, yaw, 0.0, 0.0, 0.0)}
-        for (wx, wy, wz), i in zip(omegas, self.chain, strict=True):
-            px, py, pz, ax, ay, az = turns[self.layout.links[i].parent]
-            ax, ay, az = ax - wy * pz + wz * py, ay - wz * px + wx * pz, az - wx * py + wy * px
-            turns[i] = (wx, wy, wz, ax, ay, az)
-            places = self.links.get(i)
-            if places is None:
+    def _let(self, expression: Any) -> Any:
+        """Name an intermediate result; what is named already keeps its name."""
+        if self.symbols.sympy.sympify(expression).is_Atom:
+            return expression
+        for symbol, known in self.steps.items():
+            if known == expression:
+                return symbol
+        symbol = self.symbols.sympy.Symbol(f"k{len(self.steps)}", real=True)
+        self.steps[symbol] = expression
+        return symbol
+
+    def _found(self, name: str, value: Any, rate: Any, drift: Any) -> None:
+        self.steps[self.symbols.value[name]], self.steps[self.symbols.rate[name]] = value, rate
+        self.drifts[name] = drift
+
+    def _plain(self, name: str, b: Variable) -> None:
+        """Coordinates that are entries of q, or of the ski, or elevations in a plane."""
+        q, v, layout, one, zero = self.q, self.v, self.layout, self.symbols.sympy.Integer(1), self.symbols.sympy.Integer(0)
+        if b.kind in "xy" and layout.base == "ski":
+            c, s, forward, left, yaw = q[2], q[3], v[0], v[1], v[YAW]
+            x_rate, y_rate = self._let(c * forward - s * left), self._let(s * forward + c * left)
+            self.rows[name] = {0: c, 1: -s} if b.kind == "x" else {0: s, 1: c}
+            self._found(name, q[b.at], *((x_rate, -yaw * y_rate) if b.kind == "x" else (y_rate, yaw * x_rate)))
+        elif b.kind == "phi0":
+            self.rows[name] = {YAW: one}
+            self._found(name, self.heading[0], v[YAW], zero)
+        elif b.kind == "psi":
+            path = [layout.links[i] for i in layout.path(b.link)]
+            self.rows[name] = {link.v: one for link in path}
+            self._found(name, sum(q[link.q] for link in path), sum(v[link.v] for link in path), zero)
+        else:  # x y z of another base, xi, speed, which has no value
+            self.rows[name] = {b.v: one}
+            self._found(name, zero if b.kind == "speed" else q[b.at], v[b.v], zero)
+
+    def _turn(self, turning: Mapping[str, Variable]) -> None:
+        """What turns with a link: d' = omega x d, d'' at vdot = 0 is omega' x d + omega x d', omega' = -sum omega_k x omega_p."""
+        sympy, let, zero = self.symbols.sympy, self._let, self.symbols.sympy.Integer(0)
+        base = [zero, zero, self.v[YAW] if self.layout.base == "ski" else zero]
+        turns: dict[int, tuple[list[Any], list[Any]]] = {-1: (base, [zero] * 3)}
+        for i in self.chain:
+            link = self.layout.links[i]
+            before, growth = turns[link.parent]
+            axes, w = self.balls[i], self.v[link.v : link.v + 3]
+            omega = [let(before[c] + sum(axes[k][c] * w[k] for k in range(3))) for c in range(3)]
+            alpha = [let(g + part) for g, part in zip(growth, _cross(before, omega), strict=True)]
+            turns[i] = omega, alpha
+            mine = [(name, b) for name, b in turning.items() if b.link == i]
+            if not mine:
                 continue
-            x, y, z = self.frames.direction(i)
-            rx, ry, rz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
-            sx = ay * z - az * y + wy * rz - wz * ry
-            sy = az * x - ax * z + wz * rx - wx * rz
-            sz = ax * y - ay * x + wx * ry - wy * rx
-            for k, row, axis in places.direction:
-                values[k], rates[k], drifts[k] = (x, y, z)[axis], (rx, ry, rz)[axis], (sx, sy, sz)[axis]
-                moments[row] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[axis]  # d x e
-            if not places.angles:
+            d = axes[0]
+            rate = [let(part) for part in _cross(omega, d)]
+            bend = [let(first + second) for first, second in zip(_cross(alpha, d), _cross(omega, rate), strict=True)]
+            for name, b in mine:
+                if b.kind == "d":
+                    unit = [sympy.Integer(int(c == b.at)) for c in range(3)]
+                    self.torques[name] = i, _cross(d, unit)
+                    self._found(name, d[b.at], rate[b.at], bend[b.at])
+            if i not in self.angles:
                 continue
-            at = places.at
-            phi, psi = read_angles((x, y, z), (reference[at - 1], reference[at]))
-            sin_phi, cos_phi, sin_psi, cos_psi = math.sin(phi), math.cos(phi), math.sin(psi), math.cos(psi)
-            lateral = cos_phi * ry - sin_phi * rx
-            up = cos_psi * rz - sin_psi * (cos_phi * rx + sin_phi * ry)
-            pole = abs(cos_psi) < POLE
-            for k, row, azimuth in places.angles:
-                if not azimuth:
-                    bend = 0.0 if pole else lateral * lateral * sin_psi / cos_psi
-                    values[k], rates[k] = psi, up
-                    drifts[k] = cos_psi * sz - sin_psi * (cos_phi * sx + sin_phi * sy) - bend
-                    moments[row] = (sin_phi, -cos_phi, 0.0)
-                elif pole:
-                    raise self._no_azimuth(i)
-                else:
-                    rate, steep = lateral / cos_psi, -sin_psi / cos_psi
-                    values[k], rates[k] = phi, rate
-                    drifts[k] = (cos_phi * sy - sin_phi * sx + 2.0 * rate * up * sin_psi) / cos_psi
-                    moments[row] = (steep * cos_phi, steep * sin_phi, 1.0)
+            phi, psi = self.angles[i]
+            sin_phi, cos_phi = let(sympy.sin(phi)), let(sympy.cos(phi))
+            sin_psi, cos_psi = let(sympy.sin(psi)), let(sympy.cos(psi))
+            lateral = let(cos_phi * rate[1] - sin_phi * rate[0])
+            up = let(cos_psi * rate[2] - sin_psi * (cos_phi * rate[0] + sin_phi * rate[1]))
+            for name, b in mine:
+                if b.kind == "psi":
+                    steep = sympy.Piecewise((lateral**2 * sin_psi / cos_psi, sympy.Abs(cos_psi) > POLE), (zero, True))
+                    curve = cos_psi * bend[2] - sin_psi * (cos_phi * bend[0] + sin_phi * bend[1])
+                    self.torques[name] = i, [sin_phi, -cos_phi, zero]
+                    self._found(name, psi, up, curve - let(steep))
+                elif b.kind == "phi":
+                    turn, steep = let(lateral / cos_psi), let(-sin_psi / cos_psi)
+                    self.torques[name] = i, [let(steep * cos_phi), let(steep * sin_phi), sympy.Integer(1)]
+                    self._found(name, phi, turn, (cos_phi * bend[1] - sin_phi * bend[0] + 2 * turn * up * sin_psi) / cos_psi)
 
     def _no_azimuth(self, i: int) -> SingularError:
         name = self.layout.links[i].name
@@ -255,11 +303,9 @@ class Motion:
         )
 
 
-class _LinkPlaces:
-    """Where the variables of one link stand: (variable, row of moments, axis) and (variable, row, is azimuth)."""
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
-    def __init__(self, layout: Layout, link: int, turning: Sequence[tuple[int, Variable]]) -> None:
-        mine = [(k, row, b) for row, (k, b) in enumerate(turning) if b.link == link]
-        self.direction = [(k, row, b.at) for k, row, b in mine if b.kind == "d"]
-        self.angles = [(k, row, b.kind == "phi") for k, row, b in mine if b.kind != "d"]
-        self.at = layout.index[f"psi{link + 1}"]
+
+def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

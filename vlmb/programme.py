@@ -42,12 +42,12 @@ class ProgrammeControl:
                 f"programme: {len(rows)} rows need at least as many controls; there are {len(self.channels)} "
                 f"({', '.join(self.names)}); name more of {', '.join(channels(layout))}"
             )
-        self.scales = _scales(mechanism, self.channels)
+        self.scales = control_scales(mechanism, self.channels)
         step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
         self.holonomic = np.array([row.holonomic for row in rows], dtype=bool)
         self.h, self.k = gain_matrices(programme, self.holonomic.tolist(), own_rate(mechanism), step)
         self.decay = stability_report(self.h, self.k, self.holonomic.tolist(), run.method, step or 0.0, programme.gains)
-        self.effect = np.zeros((len(rows), len(self.channels)))  # G of the last solution
+        self.effect = np.zeros((len(rows), len(self.channels)))  # G of the last solution, in the scales of the controls
         self.side = 0.0  # sign of det G at the last accepted sample, where G is square
         self.free: Law | None = None
         if programme.u0 is not None:
@@ -61,40 +61,43 @@ class ProgrammeControl:
         if second:
             own = _secondary_gains(programme)
             self.second_h, self.second_k = gain_matrices(own, self.second_holonomic.tolist(), own_rate(mechanism), step)
+        else:
+            self.second_h = self.second_k = np.zeros((0, 0))
 
-    def solve(self, t: float, g: Array, beta: Array, second: tuple[Array, Array] | None) -> Array:
-        """Return the controls u (S,) with G u = beta; `second` is the G and beta of the secondary rows.
+    def gains(self) -> tuple[Array, Array]:
+        """Return H and K of (5.5) over all rows, r x r: columns of H for velocity rows are 0."""
+        return _spread(self.h, self.holonomic), self.k
 
-        Raises SingularError naming rows and controls where the programme cannot be met.
+    def secondary_gains(self) -> tuple[Array, Array]:
+        """Return the same for the secondary rows."""
+        return _spread(self.second_h, self.second_holonomic), self.second_k
+
+    def solve(self, t: float, g: Array, beta: Array) -> Array:
+        """Return u over its scales with G u = beta, by G in these scales; secondary rows stand below those of the programme.
+
+        What the rows leave free goes to u0 or to the secondary rows: with as many controls as all rows together this is one
+        system. Raises SingularError naming rows and controls where the programme cannot be met.
         """
-        self.effect = g
+        count = len(self.texts)
+        self.effect = g[:count]
+        if count < len(g):
+            if len(g) <= g.shape[1]:
+                u = _least(g, beta)
+                if u is not None:
+                    return u
+            u = self.least(g[:count], beta[:count])
+            null = self.null_space(g[:count])
+            return u + null @ np.linalg.lstsq(g[count:] @ null, beta[count:] - g[count:] @ u, rcond=RANK)[0]
         u = self.least(g, beta)
         if self.free is not None:
-            u = u + self.free.value(t) * cross(g)
-        if second is not None and g.shape[1] > len(g):
-            null = self.null_space(g)
-            u = u + null @ np.linalg.lstsq(second[0] @ null, second[1] - second[0] @ u, rcond=1e-9)[0]
+            u = u + self.free.value(t) / self.scales.prod() * cross(g)
         return u
-
-    def wanted(self, z: Array, rate: Array, drift: Array) -> Array:
-        """Return H z + K z' - drift (r,): what W vdot shall be."""
-        if len(z) != self.h.shape[1]:
-            z = z[self.holonomic]
-        right = self.h.dot(z)
-        right += self.k.dot(rate)
-        right -= drift
-        return right
-
-    def wanted_second(self, z: Array, rate: Array, drift: Array) -> Array:
-        """Return the same for the secondary rows."""
-        answer: Array = self.second_h @ z[self.second_holonomic] + self.second_k @ rate - drift
-        return answer
 
     def accept(self) -> None:
         """Refuse a sample beyond a posture where as many controls as rows lose their effect: det G changes its sign there."""
         if self.effect.shape[0] != self.effect.shape[1]:
             return
-        side = float(np.sign(np.linalg.det(self.effect * self.scales)))
+        side = float(np.sign(np.linalg.det(self.effect)))
         if self.side * side < 0.0:
             raise SingularError(
                 f"programme: the motion went through a posture where {', '.join(self.names)} have no effect on "
@@ -103,51 +106,58 @@ class ProgrammeControl:
         self.side = side or self.side
 
     def least(self, g: Array, beta: Array) -> Array:
-        """Return u_nu of (5.6): the solution of G u = beta with the least weighted norm.
+        """Return u_nu of (5.6) over its scales: the solution of G u = beta with the least weighted norm.
 
         Redundant rows that agree are met; SingularError where rows ask for what the controls cannot give.
         """
-        rows, controls = g.shape
-        scaled, right = g * self.scales, beta
-        if rows < controls:
-            right = np.concatenate([beta, np.zeros(controls - rows)])
-        factor, answer, info = lapack.dgels(scaled, right)
-        diagonal = [abs(factor.item(k, k)) for k in range(rows)]
-        if info or not min(diagonal) > RANK * max(diagonal):
-            return self._least_deficient(scaled, beta)
-        answer *= self.scales
-        return answer
+        answer = _least(g, beta)
+        return self._least_deficient(g, beta) if answer is None else answer
 
-    def _least_deficient(self, scaled: Array, beta: Array) -> Array:
-        if not (np.isfinite(scaled).all() and np.isfinite(beta).all()):
-            raise SingularError("programme: the rows have no finite values here")
-        answer, _, rank, singular = np.linalg.lstsq(scaled, beta, rcond=RANK)
-        error = np.abs(scaled @ answer - beta)
+    def _least_deficient(self, g: Array, beta: Array) -> Array:
+        if not (np.isfinite(g).all() and np.isfinite(beta).all()):
+            return np.full(g.shape[1], np.nan)  # the dynamics name the row without a value
+        answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
+        error = np.abs(g @ answer - beta)
         if error.max() > 1e-6 * max(1.0, np.abs(beta).max()):
             rows = [repr(self.texts[k]) for k in np.argsort(-error)[:3] if error[k] > 0.1 * error.max()]
-            weak = self._weak_rows(scaled)
+            weak = self._weak_rows(g)
             raise SingularError(
                 f"programme: {', '.join(rows)} cannot be met here by {', '.join(self.names)} (rank {rank} of {len(beta)} "
                 f"rows, smallest singular value {singular[-1]:.1e}; {weak}): add a control that moves it, or drop a row that "
                 "contradicts another"
             )
-        return answer * self.scales
+        return np.asarray(answer, dtype=np.float64)
 
-    def _weak_rows(self, scaled: Array) -> str:
-        left = np.linalg.svd(scaled)[0][:, -1]
+    def _weak_rows(self, g: Array) -> str:
+        left = np.linalg.svd(g)[0][:, -1]
         return "the controls do not act on " + " and ".join(repr(self.texts[k]) for k in np.flatnonzero(np.abs(left) > 0.3))
 
     def null_space(self, g: Array) -> Array:
-        """Return Z (S, S - r): a basis of ker G, orthonormal in the weighted norm."""
-        rows = len(g)
-        q = np.linalg.qr((g * self.scales).T, mode="complete")[0]
-        return q[:, rows:] * self.scales[:, None]
+        """Return Z (S, S - r): an orthonormal basis of ker G, both in the scales of the controls."""
+        return np.linalg.qr(g.T, mode="complete")[0][:, len(g) :]
 
     def rank(self, g: Array) -> tuple[int, float]:
-        """Return rank and condition number of the scaled G."""
-        singular = np.linalg.svd(g * self.scales, compute_uv=False)
+        """Return rank and condition number of G in the scales of the controls."""
+        singular = np.linalg.svd(g, compute_uv=False)
         rank = int((singular > RANK * max(singular[0], 1e-300)).sum())
         return rank, float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
+
+
+def _least(g: Array, beta: Array) -> Array | None:
+    """Solve G u = beta by LU, by QR for the least u of more controls than rows; None where pivots show rows that repeat."""
+    rows, controls = g.shape
+    if rows == controls:
+        factor, _, answer, info = lapack.dgesv(g, beta)
+    else:
+        factor, answer, info = lapack.dgels(g, np.concatenate([beta, np.zeros(controls - rows)]))
+    pivots = sorted(map(abs, factor.diagonal().tolist()))
+    return None if info or not pivots[0] > RANK * pivots[-1] else answer
+
+
+def _spread(h: Array, holonomic: NDArray[np.bool_]) -> Array:
+    whole = np.zeros((len(holonomic), len(holonomic)))
+    whole[:, holonomic] = h
+    return whole
 
 
 def control_channels(mechanism: Mechanism) -> tuple[Channel, ...]:
@@ -185,7 +195,7 @@ def total_length(mechanism: Mechanism) -> float:
     return max(lengths)
 
 
-def _scales(mechanism: Mechanism, given: Sequence[Channel]) -> Array:
+def control_scales(mechanism: Mechanism, given: Sequence[Channel]) -> Array:
     """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments)."""
     scene = mechanism.scene
     weights = scene.programme.weights if scene.programme else {}
