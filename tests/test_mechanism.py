@@ -45,7 +45,7 @@ def test_coordinates_of_the_paper(n: int) -> None:
 
 def test_fixed_segments_and_hanging_nothing_make_no_joint() -> None:
     mechanism = vlmb.build(scene(PIVOT, [link("legs", lower=FIXED), link("trunk", lower=None, tip_mass=None)]))
-    assert joints(mechanism) == ["legs", "legs_upper", "trunk"]
+    assert joints(mechanism) == ["legs", "legs.upper", "trunk"]
     assert list(mechanism.coordinate_names) == ["phi1", "psi1", "xi1_2", "phi2", "psi2"]
     first, second, third = mechanism.left_out
     assert first == "xi1_1, the lower segment of 'legs': fixed at 0.2 m"
@@ -53,7 +53,7 @@ def test_fixed_segments_and_hanging_nothing_make_no_joint() -> None:
     assert third == "xi2_2, the upper segment of 'trunk': nothing hangs on it; drawn with its length 0.2 m"
     full = vlmb.build(scene(PIVOT, [link("legs"), link("trunk")]))
     assert full.left_out == ()
-    assert joints(full) == ["legs", "legs_lower", "legs_upper", "trunk", "trunk_lower", "trunk_upper"]
+    assert joints(full) == ["legs", "legs.lower", "legs.upper", "trunk", "trunk.lower", "trunk.upper"]
 
 
 @pytest.mark.parametrize("point", ["tip", "rod_start", "rod_end"])

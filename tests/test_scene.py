@@ -207,12 +207,15 @@ def test_names_are_unique_and_not_reserved() -> None:
     duplicate = refused(table(PIVOT, [link("a"), link("b"), link("a")]))
     assert "links[2].name = 'a'" in duplicate
     assert "links[0]" in duplicate
-    assert "'base'" in refused(table(PIVOT, [link("base")]))
+    for name in ("base", "heading", "ski"):
+        assert f"'{name}': this name is the base's own" in refused(table(PIVOT, [link(name)]))
+    for name in ("a\n", "a b", "1a", "é"):
+        assert "a name begins with a letter" in refused(table(PIVOT, [link(name)]))
     # the second link's default name is taken by the first
     assert "links[1].name = 'link2'" in refused(table(PIVOT, [link("link2"), link()]))
 
 
-@pytest.mark.parametrize("name", ["heading", "ski", "t", "speed", "pi", "sin", "phi1", "xi1_1"])
+@pytest.mark.parametrize("name", ["t", "speed", "pi", "sin", "phi1", "xi1_1"])
 def test_names_that_would_be_ambiguous(name: str) -> None:
     """A link may have such a name only if everything still means what it says."""
     mechanism = vlmb.build(scene(SKI, [link(name), link("other")], start={"psi1": 0.5, "psi2": 0.2}))

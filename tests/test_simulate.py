@@ -884,3 +884,61 @@ def test_check_does_what_comes_before_a_run() -> None:
     mechanism, start = check(bent(SKI, 2))
     assert mechanism.coordinate_names[0] == "x"
     assert start.coordinates["psi1"] == 0.7
+
+
+def test_a_run_that_stops_at_its_start_is_stored(tmp_path: Path) -> None:
+    made = scene(SKI, [link("a", lower={"length": 0.25, "limits": [0.25, 0.6]}, upper=FIXED)], start={"xi1_1_dot": -1.0})
+    run = vlmb.simulate(made, duration=0.3)
+    assert run.status == "stopped" and run.t.tolist() == [0.0]
+    again = vlmb.load_trajectory(run.save(tmp_path / "run.npz"))
+    assert again.message == run.message
+    assert again["xi1_1"].tolist() == [0.25]
+
+
+@pytest.mark.parametrize("method", ["adams", "bdf", "dop853", "radau"])
+def test_a_pole_of_a_law_ends_with_a_sentence(method: str) -> None:
+    made = scene(SKI, [link("a")], start={"psi1": 1.2}, forces=[{"on": "M_psi1", "law": "tan(20*t)"}])
+    run = vlmb.simulate(made, duration=0.3, method=method)
+    assert run.status == "failed" and run.t[-1] < 0.1
+    assert "steps became too small" in run.message
+
+
+def test_a_control_that_rests_at_first_is_asked_again() -> None:
+    made = scene(PIVOT, [link("a")], start={"psi1": 0.3})
+
+    def late(t: float, view: vlmb.forces.View) -> dict[str, float]:
+        return {"M_psi1": 4.0} if t > 0.1 else {}
+
+    stopped = vlmb.simulate(made, duration=0.3, control=late)
+    assert stopped.status == "failed" and "not among the forces of the first call (none): name it there" in stopped.message
+    early = vlmb.simulate(made, duration=0.3, control=lambda t, view: {"M_psi1": 4.0 if t > 0.1 else 0.0})
+    assert early.controls["M_psi1"][-1] == 4.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"constraints": ["phi1 = phi0", "phi1 = phi0 + 0.01"]}, r"'phi1 = phi0' \(off by .*'phi1 = phi0 \+ 0.01' \(off by"),
+        ({"parameters": {"phi1": 1.0}}, r"parameters.phi1: a coordinate of this scene"),
+        ({"run": {"rtol": 1e-17}}, r"run.rtol = 1e-17: .*>= 3e-14"),
+        ({"programme": {"constraints": [], "controls": ["M_phi1"], "frequency": 5.0}}, r"programme.constraints = \[\]"),
+    ],
+)
+def test_what_makes_no_sense_is_named(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(vlmb.SceneError, match=words):
+        vlmb.simulate(scene(SKI, [link("a")], start={"psi1": 1.2}, **changes))
+
+
+def test_a_prescribed_law_without_a_start_is_named() -> None:
+    made = scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": "0.2 + sqrt(t)"})])
+    with pytest.raises(vlmb.SceneError, match=r"xi1_1: the law '0.2 \+ sqrt\(t\)' has no finite value, rate"):
+        vlmb.simulate(made)
+
+
+@pytest.mark.parametrize("wrong", [3, None, {"base": {"kind": "ski"}}])
+def test_what_is_no_scene_is_refused(wrong: object) -> None:
+    for call in (vlmb.simulate, vlmb.build):
+        with pytest.raises(vlmb.SceneError, match="must be a Scene"):
+            call(wrong)
+    with pytest.raises(vlmb.SceneError, match="must be a function"):
+        vlmb.simulate(scene(PIVOT, [link("a")]), control=3)

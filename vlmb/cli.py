@@ -20,6 +20,7 @@ from vlmb.integrate import METHODS
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.scene import Scene, load_scene
 from vlmb.simulate import check, run_options, simulate
+from vlmb.start import Start, consistent_start, ideal_rank
 from vlmb.symbols import counted
 from vlmb.trajectory import Trajectory, load_trajectory
 
@@ -72,7 +73,8 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("scene", help="scene file (.toml)")
     checked = command("check", "validate a scene without running it", _check)
     checked.add_argument("scene", help="scene file (.toml)")
-    blocks = command("matrices", "print the blocks of the equations of motion (4.1) at a posture, without the scene's forces and constraints", matrices.run)
+    what = "print the blocks of the equations of motion (4.1) at a posture, without the scene's forces and constraints"
+    blocks = command("matrices", what, matrices.run)
     matrices.add_arguments(blocks)
     seen = command("view", "show a scene or play a run in the browser, or write it as html, pictures or a gif", view.run)
     view.add_arguments(seen)
@@ -101,24 +103,38 @@ def _run(args: argparse.Namespace) -> int:
     if args.view:
         view.need_display()
     folder = args.output or Path("results") / path.stem
-    trajectory = _with_progress(
-        lambda progress: simulate(scene, **changes, t_eval=times, progress=progress), run.duration, args.quiet
-    )
-    folder.mkdir(parents=True, exist_ok=True)
+    made = [part for part in (folder, *folder.parents) if not part.exists()]
+    folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
+    try:
+        trajectory = _with_progress(
+            lambda progress: simulate(scene, **changes, t_eval=times, progress=progress), run.duration, args.quiet
+        )
+    except BaseException:
+        for part in made:
+            part.rmdir()
+        raise
     written = [trajectory.save(folder / "run.npz"), trajectory.save_csv(folder / "run.csv")]
     print(trajectory.summary())
     if not args.no_plots:
-        from vlmb.plots import save_all
-
-        written += save_all(trajectory, folder)
-        try:
-            written.append(view.export_html(trajectory, folder / "run.html"))
-        except VlmbError as error:
-            print(f"no run.html: {error}", file=sys.stderr)
+        for what, draw in (("plots", _draw), ("run.html", _page)):
+            try:
+                written += draw(trajectory, folder)
+            except VlmbError as error:
+                print(f"no {what}: {error}", file=sys.stderr)
     print("wrote " + ", ".join(str(file) for file in written))
     if args.view:
         view.keep(view.play(trajectory, browser=True))
     return 0 if trajectory.status in ("finished", "stopped") else 1
+
+
+def _draw(trajectory: Trajectory, folder: Path) -> list[Path]:
+    from vlmb.plots import save_all
+
+    return save_all(trajectory, folder)
+
+
+def _page(trajectory: Trajectory, folder: Path) -> list[Path]:
+    return [view.export_html(trajectory, folder / "run.html")]
 
 
 def _with_progress(run: Callable[[Callable[[float], None]], Trajectory], duration: float, quiet: bool) -> Trajectory:
@@ -135,7 +151,7 @@ def _advance(bar: Any, t: float) -> None:
 def _info(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     mechanism = build(scene)
-    layout, held = mechanism.layout, independent(mechanism)
+    layout, held = mechanism.layout, independent(mechanism, consistent_start(mechanism))
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
     print(f"  degrees of freedom  {held}")
@@ -152,10 +168,11 @@ def _info(args: argparse.Namespace) -> int:
     return 0
 
 
-def independent(mechanism: Mechanism) -> int:
-    """Count independent velocities: coordinates less prescribed ones and the knife edge."""
+def independent(mechanism: Mechanism, start: Start) -> int:
+    """Count independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
     prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in mechanism.layout.links for at in (e.lower, e.upper))
-    return len(mechanism.layout.names) - prescribed - (mechanism.layout.base == "ski")
+    edge = mechanism.layout.base == "ski"
+    return len(mechanism.layout.names) - prescribed - edge - ideal_rank(mechanism, start.coordinates, start.rates)[0]
 
 
 def sum_mass(scene: Scene) -> float:
@@ -165,9 +182,9 @@ def sum_mass(scene: Scene) -> float:
 
 def _check(args: argparse.Namespace) -> int:
     mechanism, start = check(load_scene(args.scene))
-    coordinates, free = len(mechanism.coordinate_names), independent(mechanism)
+    coordinates, free = len(mechanism.coordinate_names), independent(mechanism, start)
     print(f"{args.scene}: fine. {counted(coordinates, 'coordinate')}, {counted(free, 'degree')} of freedom")
-    for text in (*mechanism.warnings, *(f"repaired: {entry}" for entry in start.repairs)):
+    for text in (*mechanism.warnings, *start.repairs):
         print(f"  {text}")
     return 0
 

@@ -40,6 +40,7 @@ ROUTES = ("recursive", "dense", "subchains")
 TURN = 0.5  # [rad] an azimuth turns no further between two references
 ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
 TINY = 1e-300
+SOUND = 1e12  # condition of the scaled mass matrix below which it is not what fails
 HUGE = 1e200  # a squared acceleration beyond this is no number to go on with
 RECURSIVE_LINKS = 24  # longer chains take another route: aba loses digits on them (benchmarks/results/rhs_cost.md)
 RECURSIVE_ON_SKI = 12  # shorter ones on a ski too: it asks aba twice
@@ -109,7 +110,7 @@ class Dynamics:
         self.work_names = (*dict.fromkeys(names), *(("dissipation",) if self.damped else ()))
         self.size = self.nq + self.nv + len(self.work_names)
         springs_alone = not (
-            self.actuation.channels or self.direction_springs or self.prescribed or self.damped or rows is not None
+            self.actuation.needed or self.direction_springs or self.prescribed or self.damped or rows is not None
         )
         if route is None:
             fewest = {"none": 0, "reduction": RECURSIVE_ON_SKI}.get(self.knife_edge, RECURSIVE_LINKS + 1)
@@ -228,7 +229,7 @@ class Dynamics:
     def _add_forces(self, t: float, q: Array, v: Array, tau: Array) -> None:
         if self.direction_springs:
             self.lost = apply_springs(self.direction_springs, self.frames, v, tau)
-        if self.actuation.channels:
+        if self.actuation.needed:
             self.actuation.add(t, q, v, tau, self.reference)
 
     def _project(self, q: Array, v: Array) -> None:
@@ -315,7 +316,7 @@ class Dynamics:
         qdot, vdot, accelerations = dy[:nq], dy[nq:end], np.zeros(self.nv)
         known, prescribed = self.known, self.prescribed
         flat, (crossed, identity) = mass.ravel(order="K"), self._cross(known)
-        forced = bool(self.direction_springs or self.actuation.channels)
+        forced = bool(self.direction_springs or self.actuation.needed)
         on_ski, projecting = self.layout.base == "ski", self.knife_edge == "projection"
         constrained, system = self.system.needed, self.system
         rows, working, powers = np.zeros((len(prescribed), self.nv)), bool(self.work_names), self._powers()
@@ -435,9 +436,11 @@ class Dynamics:
         condition = float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
         return condition, list(dict.fromkeys(weakest))
 
-    def singular(self, q: Array) -> SingularError:
+    def singular(self, q: Array) -> VlmbError:
         """Name the motion without inertia at a configuration."""
         condition, weakest = self.conditioning(q)
+        if condition < SOUND:
+            return SimulationError("a position or velocity is too large to compute with: the motion has no finite continuation")
         return SingularError(
             f"the mass matrix is singular (condition {condition:.1e}): {', '.join(weakest)} can move without inertia. "
             f"{' '.join(self.mechanism.warnings)}".rstrip()
@@ -445,14 +448,18 @@ class Dynamics:
 
     def not_finite(self, q: Array, v: Array, tau: Array) -> VlmbError:
         """Say which quantity is not finite."""
-        names = velocity_names(self.layout)
+        self.system.require_finite()
+        names, acting = velocity_names(self.layout), self.actuation
+        for law, channel, value in zip(acting.laws, acting.channels, acting.values.tolist(), strict=False):
+            if not math.isfinite(value):
+                return SimulationError(f"the law {law.text!r} of the force on {channel.name} has no finite value")
         for what, values in (("force", tau), ("velocity", v)):
             bad = [names[k] for k in np.flatnonzero(~np.isfinite(values))]
             if bad:
                 return SimulationError(f"the {what} of {', '.join(bad)} is not finite")
         if not np.isfinite(q).all():
             return SimulationError("the configuration is not finite")
-        if self.conditioning(q)[0] < 1e12:
+        if self.conditioning(q)[0] < SOUND:
             worst = int(np.argmax(np.abs(tau)))
             where = f"the largest force, {tau[worst]:.3g}, is on {names[worst]}"
             return SimulationError(f"accelerations are no longer finite: {where}")

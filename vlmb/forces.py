@@ -181,6 +181,7 @@ class Actuation:
         if control is not None and start is not None:
             self.asked = list(_asked(control, start.t, start))
             self.channels += [find_channel(layout, name, "control") for name in self.asked]
+        self.needed = bool(self.channels) or control is not None
         self.values = np.zeros(len(self.channels))
         self.columns = np.zeros((len(self.channels), layout.nv))
         self.constant = all(channel.kind == "axis" for channel in self.channels)
@@ -214,7 +215,8 @@ class Actuation:
         answer = _asked(self.control, t, view)
         for name in answer:
             if name not in self.asked:
-                raise SceneError(f"control: {name!r} was not among the forces of the first call ({', '.join(self.asked)})")
+                first = ", ".join(self.asked) or "none"
+                raise SceneError(f"control: {name!r} was not among the forces of the first call ({first}): name it there, with 0")
         values = [answer.get(name, 0.0) for name in self.asked]
         if not all(map(math.isfinite, values)):
             raise SimulationError(f"control returned a non-finite force: {answer}; its law must stay finite")

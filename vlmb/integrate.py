@@ -187,7 +187,10 @@ class Multistep:
 
     def advance(self, t: float) -> Array:
         """Let VODE pass t and interpolate; a step that passed a hard end is not used."""
+        limit = self.steps + MAX_STEPS
         while self.hard_end and not self.passed and self.reached < t:
+            if self.steps >= limit:
+                raise SimulationError(STUCK)
             here = self.solver.t == self.reached
             self.node = (self.reached, np.array(self.solver.y) if here else self._integrate(self.reached))
             self._integrate(self.end, one_step=True)

@@ -93,6 +93,8 @@ def build(scene: Scene) -> Mechanism:
     Raises SceneError where the scene has a motion without mass, VlmbError where the model does not fit in memory. A chain
     that runs as sub-chains need not fit, except on a ski, whose snow forces and falls are of the one model.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{scene!r:.80}: must be a Scene, from load_scene or Scene.from_dict")
     builder = _Builder(scene)
     if scene.base.kind == "ski" or len(scene.links) <= LONG_CHAIN or obstacle(scene) is not None:
         _refuse_what_does_not_fit(builder.model.nv)
@@ -137,6 +139,10 @@ class _Builder:
             for which, segment in ((1, link.lower), (2, link.upper)):
                 if segment.joint:
                     coordinates.append(Coordinate(f"xi{i + 1}_{which}", "xi", i, which))
+        for coordinate in coordinates:
+            for name in (coordinate.name, f"{coordinate.name}_dot"):
+                if name in self.scene.parameters:
+                    raise SceneError(f"parameters.{name}: a coordinate of this scene has this name; choose another")
         return Layout(
             self.scene.base.kind, plane, self.model.nq, self.model.nv, links, tuple(self.order), tuple(coordinates)
         )
@@ -230,7 +236,7 @@ class _Builder:
             side = "lower" if which == 1 else "upper"
             self.left_out.append(f"xi{i + 1}_{which}, the {side} segment of {link.name!r}: fixed at {length:g} m")
         else:
-            name = f"{link.name}_{'lower' if which == 1 else 'upper'}"
+            name = f"{link.name}.{'lower' if which == 1 else 'upper'}"
             new = self.model.addJoint(joint, pin.JointModelPX(), pin.SE3(np.eye(3), _along(at)), name)
             made = self.model.joints[new]
             return SegmentIndex(segment.motion, length, new, made.idx_q, made.idx_v), new, 0.0

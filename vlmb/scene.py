@@ -25,7 +25,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 NAME, MAX_NAME = r"[A-Za-z][A-Za-z0-9_]*", 64
 ALLOWED_NAME = f"a name begins with a letter and has letters, digits and _, {MAX_NAME} at most"
-Name = Annotated[str, msgspec.Meta(pattern=f"^{NAME}$", max_length=MAX_NAME)]
+Name = Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}\Z", max_length=MAX_NAME)]
 Law: TypeAlias = float | str
 
 RESERVED = frozenset({"t", "speed", *FUNCTIONS, *CONSTANTS})
@@ -34,6 +34,7 @@ MAX_DEPTH = 20
 TINIEST, LARGEST = 1e-50, 1e50  # sizes of numbers that products of several do not take out of range
 MAX_FILE_BYTES = 4_000_000
 BASE = "base"
+OWN_NAMES = (BASE, "heading", "ski")  # of the base, its direction and its joint
 FIXED_STEP = ("euler", "rk4", "gauss")
 DEFAULT_STEP = 1e-3  # [s]
 
@@ -112,8 +113,8 @@ class Force(_Table, frozen=True, kw_only=True):
 class Programme(_Table, frozen=True, kw_only=True):
     """Servo constraints and the controls that enforce them (paper, section 5)."""
 
-    constraints: tuple[str, ...]
-    controls: tuple[str, ...]
+    constraints: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    controls: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     frequency: Positive | tuple[Positive, ...] | None = None  # [rad/s]
     damping_ratio: NonNegative | tuple[NonNegative, ...] = 1.0
     gains: Literal["auto", "none"] | None = None  # none: H = K = 0, errors neither decay nor are checked
@@ -130,7 +131,7 @@ class Run(_Table, frozen=True, kw_only=True):
 
     duration: Positive = 5.0  # [s]
     method: Literal["euler", "rk4", "gauss", "dop853", "adams", "bdf", "radau"] = "adams"
-    rtol: Positive = 1e-8
+    rtol: Annotated[float, msgspec.Meta(ge=3e-14)] = 1e-8  # smaller ones are beyond double precision
     atol: Positive = 1e-10
     step: Positive | None = None  # [s], fixed-step methods
     samples: Positive = 60.0  # output samples per second when no t_eval is given
@@ -199,6 +200,8 @@ def load_scene(path: str | Path) -> Scene:
 
     Raises SceneError naming the file and what to change.
     """
+    if not isinstance(path, (str, Path)):
+        raise SceneError(f"{path!r:.80}: must be the path of a scene file")
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -341,8 +344,8 @@ def _named(links: tuple[Link, ...], source: str) -> tuple[Link, ...]:
     places: dict[str, int] = {}
     for index, link in enumerate(named):
         key = f"links[{index}]"
-        if link.name == BASE:
-            raise SceneError(f"{source}: {key}.name = 'base': this name is the base's own; choose another")
+        if link.name in OWN_NAMES:
+            raise SceneError(f"{source}: {key}.name = {link.name!r}: this name is the base's own; choose another")
         if link.name in places:
             raise SceneError(f"{source}: {key}.name = {link.name!r}: links[{places[link.name]}] has this name already")
         places[link.name] = index

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -10,6 +11,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.dynamics import HUGE, Dynamics, prescribed_segments
@@ -30,6 +32,8 @@ INSIDE = 1e-12  # relative distance kept from a break of a law
 SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
 LOOKS = 60.0  # [1/s] looks at events and angles; at times of their own, so that the choice of samples changes no motion
 CLOSEST = 1e-7  # [s] between two looks
+AT_REST, UNSTABLE = 1e-9, 1e-6  # [m/s^2, rad/s^2] accelerations of a balanced start; [1/s^2] growth that counts
+NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
 SAME = 1e-9  # [s] a sample this near to a look is one
 
 
@@ -54,7 +58,8 @@ def simulate(
     ----------
     scene : a Scene, a mechanism built from one, or the path of a scene file
     t_eval : (N,) [s], ascending in [0, duration]; default: evenly spaced
-    control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name
+    control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name. Names are
+        those of the first call; an exception it raises goes through
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
     progress : called with the time reached, sample by sample
@@ -64,6 +69,8 @@ def simulate(
     """
     if isinstance(scene, (str, Path)):
         scene = load_scene(scene)
+    if control is not None and not callable(control):
+        raise SceneError(f"control = {control!r:.80}: must be a function of (t, view) that returns forces by name")
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     run = run_options(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain
@@ -153,7 +160,8 @@ def _march(
                     event = watch.between(*before, t, y)
                     if event is not None:
                         when, sentence = event
-                        record(when, watch.state_at(*before, when))
+                        if not recorded or when > recorded[-1].t:
+                            record(when, watch.state_at(*before, when))
                         return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps
                     if t >= min(look, end) - SAME:
                         room = max(CLOSEST, dynamics.accept(t, y))
@@ -173,6 +181,34 @@ def _march(
             record(t, y)
         return recorded, "interrupted", f"interrupted at t = {t:.6g} s; the part so far is kept.", steps
     return recorded, "finished", f"finished at t = {last:.6g} s.", steps
+
+
+def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
+    """Say where a start rests in an unstable equilibrium: no answer there is better than rounding."""
+    actuation, model, nq, nv = dynamics.actuation, dynamics.mechanism.model, dynamics.nq, dynamics.nv
+    if any(start.rates.values()) or actuation.channels or actuation.control or dynamics.prescribed or dynamics.system.needed:
+        return []
+    y = dynamics.pack(start.state)
+
+    def accelerations(q: Array) -> Array:
+        return np.array(dynamics.rhs(0.0, np.concatenate([q, y[nq:]]))[nq : nq + nv])
+
+    try:
+        if np.abs(accelerations(start.state.q)).max() > AT_REST:
+            return []
+        nudges = NUDGE * np.eye(nv)
+        apart = [accelerations(pin.integrate(model, start.state.q, sign * d)) for d in nudges for sign in (1.0, -1.0)]
+    except VlmbError:
+        return []  # the run says it
+    finally:
+        dynamics.evaluations = 0
+    growth = np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max()
+    if not growth > UNSTABLE:
+        return []
+    return [
+        f"start: at rest in an unstable equilibrium: errors grow as exp({math.sqrt(growth):.3g} t), so that rounding decides when "
+        "and where it leaves; give a start value a nudge"
+    ]
 
 
 def _between(rhs: Rhs, start: float, end: float, last: float) -> Rhs:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from vlmb.constrained import SIDEWAYS
 from vlmb.constraints import Rows, RowValues
 from vlmb.coordinates import Layout, State, segment_of
 from vlmb.dynamics import prescribed_segments
@@ -52,13 +53,19 @@ def consistent_start(mechanism: Mechanism) -> Start:
         coordinates[coordinate.name] = given.get(coordinate.name, default)
     rates = {f"{name}_dot": given.get(f"{name}_dot", 0.0) for name in layout.names}
     for at in prescribed_segments(mechanism):
-        coordinates[at.name], rates[f"{at.name}_dot"], _ = at.law.jet(0.0)
+        jet = at.law.jet(0.0)
+        if not all(map(math.isfinite, jet)):
+            raise SceneError(f"{at.name}: the law {at.law.text!r} has no finite value, rate and acceleration at t = 0")
+        coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
     _refuse_outside_limits(mechanism, coordinates)
     sets = row_sets(mechanism)
     _share_azimuths(mechanism, coordinates)
     repairs = _meet_positions(mechanism, coordinates, sets)
     repairs += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
     repairs += _meet_rates(mechanism, coordinates, rates, sets)
+    rank, count = ideal_rank(mechanism, coordinates, rates)
+    if rank < count:
+        repairs.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
     return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs))
 
 
@@ -84,6 +91,20 @@ def row_sets(mechanism: Mechanism) -> list[tuple[Rows, bool]]:
         texts = [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(scene.programme.constraints)]
         sets.append((Rows(mechanism, frames, texts), False))
     return sets
+
+
+def ideal_rank(mechanism: Mechanism, coordinates: dict[str, float], rates: dict[str, float]) -> tuple[int, int]:
+    """Rank of the ideal rows on what may move, knife edge and prescribed lengths taken out; and their number."""
+    rows = next((rows for rows, ideal in row_sets(mechanism) if ideal), None)
+    if rows is None:
+        return 0, 0
+    jacobian = np.array(row_values(mechanism, rows, coordinates, rates).jacobian)
+    jacobian[:, [at.v for at in prescribed_segments(mechanism)]] = 0.0
+    if mechanism.layout.base == "ski":
+        jacobian[:, SIDEWAYS] = 0.0
+    sizes = np.linalg.norm(jacobian, axis=1)
+    unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
+    return int(np.linalg.matrix_rank(unit, tol=1e-9)) if unit.size else 0, rows.count
 
 
 def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
@@ -117,13 +138,15 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
             _solve(mechanism, coordinates, free, lambda: residual(sets))
     ideal = [entry for entry in sets if entry[1]]
     if ideal and np.abs(residual(ideal)).max(initial=0.0) > HELD:
+        least = np.abs(residual(ideal))  # what is left may look small where the search ends, at a pole
         _solve(mechanism, coordinates, names, lambda: residual(ideal))
-        error = np.abs(residual(ideal))
-        if error.max() > HELD:
+        if np.abs(residual(ideal)).max() > HELD:
             texts = [text for rows, _ in ideal for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+            off = [(text, e) for text, e in zip(texts, least, strict=True) if e > 0.1 * least.max()]
+            worst = " and ".join(f"{text!r} (off by {e:.3g})" for text, e in off)
             raise SceneError(
-                f"start: no posture near it meets the constraint {texts[int(error.argmax())]!r} (error {error.max():.3g}); "
-                "give a start nearer to it, or change the constraint"
+                f"start: no posture near it meets the constraints {', '.join(map(repr, texts))} together: {worst}; "
+                "give a start nearer to them, or drop one that contradicts another"
             )
     repairs = [
         _moved(name, coordinates[name], None if name in unset else before[name])

@@ -31,6 +31,9 @@ def write_arrays(path: Path, note: Mapping[str, Any], arrays: Mapping[str, Array
 def read_arrays(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Array]]:
     """Read what `write_arrays` wrote. Raises TrajectoryError for a file that is missing, damaged or foreign."""
     try:
+        if not zipfile.is_zipfile(path):
+            Path(path).open("rb").close()  # tells a missing file
+            raise TrajectoryError(f"{path}: not a trajectory of vlmb: `vlmb run` writes these as .npz files")
         with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             note = json.loads(str(file["note"]))
             if not isinstance(note, dict):

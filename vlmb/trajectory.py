@@ -396,7 +396,7 @@ class Trajectory(Displayed):
                 f"  control          {name}: up to {np.abs(values).max():.4g}, power {np.abs(power).max():.4g} W at most and "
                 f"{np.abs(power).mean():.4g} W on average, work {self.work_by_force[name][-1]:.4g} J"
             )
-        lines += [f"  repaired         {repair}" for repair in self.repairs]
+        lines += [f"  note             {repair}" for repair in self.repairs]
         return "\n".join(lines)
 
 
