@@ -25,6 +25,8 @@ from vlmb.scene import DEFAULT_STEP, FIXED_STEP, Programme, Run
 Array = NDArray[np.float64]
 
 RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
+SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this is rounding
+WEAK = 1e-3  # of the smallest singular value at the start: where a run fails, this is why
 
 
 class ProgrammeControl:
@@ -49,6 +51,8 @@ class ProgrammeControl:
         self.decay = stability_report(self.h, self.k, self.holonomic.tolist(), run.method, step or 0.0, programme.gains)
         self.effect = np.zeros((len(rows), len(self.channels)))  # G of the last solution, in the scales of the controls
         self.side = 0.0  # sign of det G at the last accepted sample, where G is square
+        self.repeating = False  # whether rows repeated each other, or an ideal constraint, in the last solution
+        self.grip = 0.0  # smallest singular value of G at the first accepted sample
         self.free: Law | None = None
         if programme.u0 is not None:
             if len(self.channels) != len(rows) + 1:
@@ -95,7 +99,9 @@ class ProgrammeControl:
 
     def accept(self) -> None:
         """Refuse a sample beyond a posture where as many controls as rows lose their effect: det G changes its sign there."""
-        if self.effect.shape[0] != self.effect.shape[1]:
+        self.grip = self.grip or float(np.linalg.svd(self.effect, compute_uv=False)[-1])
+        if self.effect.shape[0] != self.effect.shape[1] or self.repeating:
+            self.side = 0.0
             return
         side = float(np.sign(np.linalg.det(self.effect)))
         if self.side * side < 0.0:
@@ -111,11 +117,27 @@ class ProgrammeControl:
         Redundant rows that agree are met; SingularError where rows ask for what the controls cannot give.
         """
         answer = _least(g, beta)
+        self.repeating = answer is None
         return self._least_deficient(g, beta) if answer is None else answer
+
+    @property
+    def report(self) -> str:
+        """Say how errors decay, and how the rows of the last solution depend on each other."""
+        if not self.repeating:
+            return self.decay
+        rank = self.rank(self.effect)[0]
+        return f"{self.decay}; {len(self.texts)} rows of rank {rank}: others, or ideal constraints, hold the rest already"
+
+    def weakness(self) -> str:
+        """Say which rows the controls have nearly lost since the start; nothing where they have not."""
+        if not np.isfinite(self.effect).all() or np.linalg.svd(self.effect, compute_uv=False)[-1] > WEAK * self.grip:
+            return ""
+        return f" The programme is nearly singular there: {self._weak_rows(self.effect)}, by {', '.join(self.names)}."
 
     def _least_deficient(self, g: Array, beta: Array) -> Array:
         if not (np.isfinite(g).all() and np.isfinite(beta).all()):
             return np.full(g.shape[1], np.nan)  # the dynamics name the row without a value
+        g = np.where(np.abs(g) < RANK * SMALLEST, 0.0, g)
         answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
         error = np.abs(g @ answer - beta)
         if error.max() > 1e-6 * max(1.0, np.abs(beta).max()):
@@ -139,7 +161,7 @@ class ProgrammeControl:
     def rank(self, g: Array) -> tuple[int, float]:
         """Return rank and condition number of G in the scales of the controls."""
         singular = np.linalg.svd(g, compute_uv=False)
-        rank = int((singular > RANK * max(singular[0], 1e-300)).sum())
+        rank = int((singular > RANK * max(singular[0], SMALLEST)).sum())
         return rank, float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
 
 
@@ -151,7 +173,7 @@ def _least(g: Array, beta: Array) -> Array | None:
     else:
         factor, answer, info = lapack.dgels(g, np.concatenate([beta, np.zeros(controls - rows)]))
     pivots = sorted(map(abs, factor.diagonal().tolist()))
-    return None if info or not pivots[0] > RANK * pivots[-1] else answer
+    return None if info or not pivots[0] > RANK * max(pivots[-1], SMALLEST) else answer
 
 
 def _spread(h: Array, holonomic: NDArray[np.bool_]) -> Array:
