@@ -224,7 +224,7 @@ def _why(dynamics: Dynamics, y: Array) -> str:
     if condition > 1e10:
         weak = ", ".join(names)
         return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
-    return ""
+    return dynamics.system.programme.weakness() if dynamics.system.programme else ""
 
 
 def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:

@@ -381,7 +381,7 @@ class Trajectory(Displayed):
             lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} /s")
         programme = self._dynamics.system.programme
         if programme is not None:
-            lines.append(f"  programme        {programme.decay}; condition of G up to {self.conditions.max():.4g}")
+            lines.append(f"  programme        {programme.report}; condition of G up to {self.conditions.max():.4g}")
         if "knife_edge" in self.reactions:
             edge, normal = self.reactions["knife_edge"], self.reactions["normal"]
             lines.append(f"  edge force       up to {np.abs(edge).max():.4g} N")
