@@ -81,6 +81,7 @@ def simulate(
     dynamics.reference = reference.tolist()
     times = _sample_times(run, t_eval)
     breaks = _breaks(dynamics, run.duration)
+    start = start._replace(repairs=(*start.repairs, *_balanced(dynamics, start)))
     began, used = time.perf_counter(), time.thread_time()
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named; drivers raise
         warnings.simplefilter("ignore")
@@ -206,7 +207,7 @@ def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
     if not growth > UNSTABLE:
         return []
     return [
-        f"start: at rest in an unstable equilibrium: errors grow as exp({math.sqrt(growth):.3g} t), so that rounding decides when "
+        f"start: at rest in an unstable equilibrium: errors grow as exp({math.sqrt(growth):.3g} t): rounding decides when "
         "and where it leaves; give a start value a nudge"
     ]
 
