@@ -1,9 +1,8 @@
-"""Work and precision of the committed scenes: every method, every form of the knife edge, and other engines in the same turns.
+"""Work and precision of the committed scenes: every method, every form of the knife edge, and a plain Pinocchio loop.
 
-Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N] [--peers]
+Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N]
 
-Without arguments all scenes are measured and benchmarks/results is written. The plain Pinocchio loop always takes part; other
-engines with `--peers`, where installed (`pip install vlmb[benchmarks]`).
+Without arguments all scenes are measured and benchmarks/results is written. Other engines: benchmarks/engines.py.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import argparse
 import importlib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from common import CLOCK, RESULTS, save_figure, write_report
@@ -31,7 +30,6 @@ from vlmb.work_precision import TIGHT, Array, Measured, Motion, cost_at, measure
 MODELS = RESULTS.parents[1] / "models"
 FINE = tuple(10.0 ** -(k / 2) for k in range(4, 25))
 TARGETS = {"one link": (0.40, 0.30, 0.33), "two links": (0.30, 0.30, 0.33), "skier, spring link": (0.30, 0.24, 0.35)}
-PEERS = ("mujoco", "exudyn", "drake", "sympy", "casadi")
 BASELINE = "plain_pinocchio"
 SAMPLED = 60.0  # [1/s] of the second comparison with the baseline
 
@@ -140,16 +138,16 @@ def end_of(trajectory: Any) -> Array:
     return points if trajectory.mechanism.layout.base == "ski" else np.vstack([np.zeros(3), points])
 
 
-def one_scene(name: str, repeats: int | None, peers: bool) -> tuple[Measured, dict[str, Any]]:
-    """Measure one scene and its rivals."""
+def one_scene(name: str, peers: Sequence[str] = (), **changes: Any) -> tuple[Measured, dict[str, Any]]:
+    """Measure one scene and its rivals: modules of peers/ beside the plain loop. `changes` are options of `measure`."""
     scene, duration, options = scenes()[name]
     scene = {**scene, "name": name, "run": {**scene.get("run", {}), "duration": duration}}
-    options = {"budget": 0.2, "repeats": 3, **options, **({"repeats": repeats} if repeats else {})}
+    options = {"budget": 0.2, "repeats": 3, **options, **changes}
     method, rtol = TIGHT[0]
     truth = end_of(simulate(Scene.from_dict(scene), duration, method, rtol, atol=0.1 * rtol, t_eval=[duration]))
     rivals: dict[str, Rival] = {}
     notes: list[str] = []
-    for peer in (BASELINE, *(PEERS if peers else ())):
+    for peer in (BASELINE, *peers):
         try:
             module = importlib.import_module(f"peers.{peer}")
             for label, (settings, run) in module.prepare(scene, duration).items():
@@ -267,19 +265,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", help=f"default: all of {', '.join(scenes())}")
     parser.add_argument("--repeats", type=int, default=None)
-    parser.add_argument("--peers", action="store_true", help="other engines too, where installed")
     args = parser.parse_args()
     found = {}
     for name in args.scenes or scenes():
-        found[name] = one_scene(name, args.repeats, args.peers)
+        found[name] = one_scene(name, **({"repeats": args.repeats} if args.repeats else {}))
         print(f"{name}: done", flush=True)
     text = page(found)
     print(re.sub(r"!\[.*\n", "", text))
     if not args.scenes:
         pictures(found)
         data = {name: {**as_data(entry), **extra} for name, (entry, extra) in found.items()}
-        packages = ("pin", "numpy", "scipy", *(("mujoco", "exudyn", "drake", "sympy", "casadi") if args.peers else ()))
-        write_report("work_precision", text, data, packages)
+        write_report("work_precision", text, data)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,68 @@
+"""Other engines beside the default method and the plain Pinocchio loop, on the same scenes in the same turns.
+
+Usage: python benchmarks/engines.py; needs `pip install vlmb[benchmarks]`, and a C compiler for CasADi.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from common import save_figure, table, write_report
+
+# isort: split
+from work_precision import ERRORS, one_scene, ratio_rows
+
+from vlmb.bench import legend
+from vlmb.style import PALETTE
+
+SCENES = ("one link", "two links", "skier, spring link")
+PEERS = ("mujoco", "casadi")
+
+
+def report(found: dict[str, dict[str, Any]]) -> str:
+    """Markdown: time over the plain loop's at each error, and what an engine cannot express."""
+    rows, notes = [], []
+    for name, extra in found.items():
+        rows += ratio_rows(name, extra["points"], "plain loop", "plain loop, sampled")
+        notes += [f"* {name}: {note}" for note in extra["notes"]]
+    return "\n".join(
+        [
+            "# Other engines",
+            "",
+            "Processor time to a final position error over that of a plain Pinocchio loop with SciPy's DOP853, setup excluded. "
+            "*Sampled*: both give 60 samples a second; all others give the end alone.",
+            "",
+            table(["scene: engine", *(f"{error:g} m" for error in ERRORS)], rows),
+            "",
+            *notes,
+            "",
+            "EXUDYN, Drake and SymPy/PyDy are not set up here.",
+            "",
+            "![error against time](engines.png)",
+        ]
+    )
+
+
+def draw(figure: Any, found: dict[str, dict[str, Any]]) -> None:
+    """Error against time, a panel a scene."""
+    axes = list(figure.subplots(1, len(found)))
+    names = list(dict.fromkeys(label for extra in found.values() for label in extra["points"]))
+    for panel, (name, extra) in zip(axes, found.items(), strict=True):
+        for label, values in extra["points"].items():
+            line = sorted((seconds, max(error, 1e-16)) for seconds, error, _ in values)
+            panel.loglog(*zip(*line, strict=True), color=PALETTE[names.index(label)], marker=".", label=label)
+        panel.set(xlabel="CPU time [s]", ylabel="final position error [m]", title=name)
+    legend(figure, axes)
+
+
+def main() -> None:
+    """Measure, write the report and the picture."""
+    found = {name: one_scene(name, PEERS, methods=["adams"], repeats=5)[1] for name in SCENES}
+    text = report(found)
+    print(text)
+    save_figure("engines", lambda figure: draw(figure, found), 11.0, 3.8)
+    write_report("engines", text, found, ("pin", "numpy", "scipy", "mujoco", "casadi"))
+
+
+if __name__ == "__main__":
+    main()
