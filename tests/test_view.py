@@ -363,6 +363,18 @@ def test_the_browser_shows_the_link_the_ski_and_the_track(browser: Browser, skie
     assert browser.run("growing[0].drawRange.count") == browser.run("whole[0]")
 
 
+def test_the_browser_shows_the_course(browser: Browser, tmp_path: Path) -> None:
+    run = simulate(Scene.from_dict(follows("tan(phi0) = A*k*cos(k*x)")))
+    browser.open(export_html(run, tmp_path / "course.html").as_uri())
+    browser.run("vlmb.seek(2.0)")
+    shown = pixels_of(browser.picture())
+    browser.run("node('programme/<object>').object.visible = false; viewer.render()")
+    changed = np.abs(pixels_of(browser.picture()) - shown).max(axis=2) > 8
+    green = shown[changed].mean(axis=0)
+    assert changed.sum() > 200 and green[1] > green[0] + 40
+    assert browser.complaints() == []
+
+
 def test_the_page_plays_pauses_scrubs_and_changes_speed(browser: Browser, skier_page: str) -> None:
     browser.open(skier_page + "#t=0.2")
     assert browser.run("[playing, time]") == [False, pytest.approx(0.2)]
@@ -475,6 +487,8 @@ def test_the_command_explains_what_is_wrong(tmp_path: Path, skier: Trajectory) -
         command(str(tmp_path / "nothing.toml"))
     with pytest.raises(vlmb.VlmbError, match="--speed 0: must be positive"):
         command(str(tmp_path / "run.npz"), "--speed", "0")
+    with pytest.raises(vlmb.VlmbError, match=r"a scene shows its start; --time and --ghosts need a stored run"):
+        command(str(MODELS / "one_link.toml"), "--png", str(tmp_path / "out.png"), "--time", "1")
 
 
 def test_a_foreign_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], skier: Trajectory) -> None:
@@ -615,6 +629,13 @@ def test_heavy_packages_are_imported_only_when_needed() -> None:
     assert {"view", "plots"} <= set(dir(vlmb))
     with pytest.raises(AttributeError, match="module 'vlmb' has no attribute 'veiw'"):
         vlmb.veiw()
+
+
+def test_a_run_that_fails_at_once_is_shown() -> None:
+    failed = simulate(load_scene(MODELS / "straight_legs.toml"))
+    assert failed.status == "failed"
+    shown = failed._repr_html_()
+    assert "<img" in shown and "the mass matrix is singular" in shown and cells(shown)
 
 
 def test_one_sample_is_a_posture(skier: Trajectory) -> None:

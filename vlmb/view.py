@@ -188,6 +188,9 @@ def run(args: argparse.Namespace) -> int:
             raise VlmbError(f"{name} {value:g}: must be positive")
     what = load_trajectory(args.what) if Path(args.what).suffix == ".npz" else check(load_scene(args.what))[0]
 
+    if not isinstance(what, Trajectory) and (args.time is not None or args.ghosts):
+        raise VlmbError(f"{args.what}: a scene shows its start; --time and --ghosts need a stored run (.npz)")
+
     def made(fps: float) -> Scenery:
         return of_trajectory(what, fps, args.arrows) if isinstance(what, Trajectory) else posture(what, None, args.arrows)
 
