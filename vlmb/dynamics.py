@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from vlmb.constrained import SIDEWAYS, ConstrainedSystem
 from vlmb.constraints import RowInfo
@@ -130,7 +130,7 @@ class Dynamics:
     @cached_property
     def springs(self) -> Array:
         """Matrix (nv, size) of the segment springs: tau = springs y + preload."""
-        springs = np.zeros((self.nv, self.size))
+        springs = np.zeros((self.nv, self.size), order="F")
         springs[:, : self.nq + self.nv] = spring_matrix(self.mechanism)[0]
         return springs
 
@@ -250,7 +250,7 @@ class Dynamics:
         """ABA in LOCAL convention; the knife edge by a second call, since vdot is affine in the sideways force."""
         model, data, nq, end = self.mechanism.model, self.mechanism.data, self.nq, self.nq + self.nv
         aba, normalize, product, local = pin.aba, pin.normalize, pin.tangentMapProduct, pin.Convention.LOCAL
-        springs, preload, tau, dy = self.springs, self.preload, np.zeros(self.nv), np.zeros(self.size)
+        springs, preload, gemv, dy = self.springs, self.preload, blas.dgemv, np.zeros(self.size)
         qdot, vdot = dy[:nq], dy[nq:end]
         sliding = self.knife_edge == "reduction"
 
@@ -258,8 +258,7 @@ class Dynamics:
             self.evaluations += 1
             raw, v = y[:nq], y[nq:end]
             q = normalize(model, raw)
-            springs.dot(y, tau)
-            np.add(tau, preload, tau)
+            tau = gemv(1.0, springs, y, 1.0, preload)
             vdot[:] = aba(model, data, q, v, tau, local)
             if sliding:
                 tau[SIDEWAYS] += 1.0
@@ -312,8 +311,9 @@ class Dynamics:
         model, data, nq, end = self.mechanism.model, self.mechanism.data, self.nq, self.nq + self.nv
         crba, nle, normalize, world = pin.crba, pin.nonLinearEffects, pin.normalize, pin.Convention.WORLD
         product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
-        springs, preload, tau, dy = self.springs, self.preload, np.zeros(self.nv), np.zeros(self.size)
-        qdot, vdot, accelerations = dy[:nq], dy[nq:end], np.zeros(self.nv)
+        subtract, divide, hypot = np.subtract, np.divide, math.hypot
+        springs, preload, gemv, dy = self.springs, self.preload, blas.dgemv, np.zeros(self.size)
+        qdot, vdot, place, accelerations = dy[:nq], dy[nq:end], dy[:2], np.zeros(self.nv)
         known, prescribed = self.known, self.prescribed
         flat, (crossed, identity) = mass.ravel(order="K"), self._cross(known)
         forced = bool(self.direction_springs or self.actuation.needed)
@@ -332,13 +332,12 @@ class Dynamics:
                 if projecting:
                     self._project(q, v)
                     y = np.concatenate([raw, v, y[end:]])
-            springs.dot(y, tau)
-            np.add(tau, preload, tau)
+            tau = gemv(1.0, springs, y, 1.0, preload)
             crba(model, data, q, world)
             if forced:
                 self._add_forces(t, q, v, tau)
             b = nle(model, data, q, v)
-            np.subtract(tau, b, b)
+            subtract(tau, b, b)
             missing = b
             if prescribed:
                 missing = -b
@@ -356,7 +355,7 @@ class Dynamics:
                 if prescribed:
                     missing -= system.on_known()
             else:
-                _, answer, info = dposv(mass, b, overwrite_a=1, overwrite_b=1)
+                answer, info = dposv(mass, b, 0, 1, 1)[1:]  # both overwritten
                 if info:
                     raise self.singular(q)
             if not answer.dot(answer) < HUGE:
@@ -364,9 +363,7 @@ class Dynamics:
             qdot[:] = product(model, raw, v)
             vdot[:] = answer
             if on_ski:
-                norm = math.hypot(y.item(2), y.item(3))
-                dy[0] /= norm
-                dy[1] /= norm
+                divide(place, hypot(raw.item(2), raw.item(3)), place)
             if working:
                 powers(v, vdot, rows, missing, dy)
             return dy

@@ -378,7 +378,8 @@ class Trajectory(Displayed):
         for name in self.residuals:
             residual = self.residuals[name]
             position = "" if residual.position is None else f"{np.abs(residual.position).max():.2e}, "
-            lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} /s")
+            unit = "m/s" if name == "knife_edge" else "/s"
+            lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} {unit}")
         programme = self._dynamics.system.programme
         if programme is not None:
             lines.append(f"  programme        {programme.report}; condition of G up to {self.conditions.max():.4g}")
