@@ -272,11 +272,10 @@ def crosses_vertical(trajectory: vlmb.Trajectory, links: list[str]) -> None:
 
 
 def quantity_of(trajectory: vlmb.Trajectory, name: str) -> Array:
-    if name in list(trajectory.controls):
-        return trajectory.controls[name]
-    if name in list(trajectory.residuals):
-        return error_of(trajectory, name)
-    return trajectory.reactions[name] if name in list(trajectory.reactions) else trajectory[name]
+    for known in (trajectory.controls, trajectory.reactions):
+        if name in known:
+            return known[name]
+    return error_of(trajectory, name) if name in trajectory.residuals else trajectory[name]
 
 
 def error_of(trajectory: vlmb.Trajectory, text: str) -> Array:
