@@ -1,14 +1,16 @@
 """Work and precision of the committed scenes: every method, every form of the knife edge, and a plain Pinocchio loop.
 
-Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N]
+Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N] [--redraw]
 
-Without arguments all scenes are measured and benchmarks/results is written. Other engines: benchmarks/engines.py.
+Without arguments all scenes are measured and benchmarks/results is written; `--redraw` writes page and pictures again from the
+stored numbers. Other engines: benchmarks/engines.py.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import json
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -25,7 +27,7 @@ from vlmb.mechanism import build
 from vlmb.scene import Scene, load_scene
 from vlmb.simulate import simulate
 from vlmb.style import BLACK, GREY, PALETTE
-from vlmb.work_precision import TIGHT, Array, Measured, Motion, cost_at, measure, observe
+from vlmb.work_precision import TIGHT, Array, Entry, Measured, Motion, Variant, cost_at, measure, observe
 
 MODELS = RESULTS.parents[1] / "models"
 FINE = tuple(10.0 ** -(k / 2) for k in range(4, 25))
@@ -64,7 +66,7 @@ def scenes() -> dict[str, tuple[dict[str, Any], float, dict[str, Any]]]:
         "skier, spring link": (SKIER, 1.0, {}),
         "programme skier": (model("skier_slalom"), 1.0, {"repeats": 1}),
         "stiff skier": (model("stiff_skier"), 1.0, {"repeats": 1, "methods": ["rk4", "dop853", "adams", "bdf", "radau"]}),
-        "one link, 60 s": (one, 60.0, {"repeats": 1, "budget": 1.0}),
+        "one link, long": (one, 60.0, {"repeats": 1, "budget": 1.0}),
     }  # fmt: skip
 
 
@@ -260,12 +262,38 @@ def pictures(found: dict[str, tuple[Measured, dict[str, Any]]]) -> None:
         save_figure("work_precision_knife_edge", forms, 11.0, 3.8)
 
 
+def stored() -> tuple[dict[str, tuple[Measured, dict[str, Any]]], str]:
+    """Read what was measured from results/work_precision.json, and the line about the machine."""
+    data = json.loads((RESULTS / "work_precision.json").read_text(encoding="utf-8"))
+    machine, found = data.pop("machine"), {}
+    for name, scene in data.items():
+        entries = [
+            Entry(
+                Variant(run["method"], run["knife_edge"], run["gain"]), run["setting"], run["seconds"] or math.inf,
+                run["evaluations"], run["steps"], {key: tuple(pair) for key, pair in run["errors"].items()}, run["failure"],
+            )
+            for run in scene["runs"]
+        ]  # fmt: skip
+        own = {key: tuple(pair) for key, pair in scene["reference error"].items()}
+        entry = Measured(scene["scene"], scene["duration"], scene["reference"], own, entries, scene["left out"])
+        points = {label: [tuple(point) for point in line] for label, line in scene["points"].items()}
+        found[name] = (entry, {"points": points, "notes": scene["notes"]})
+    return found, machine
+
+
 def main() -> None:
     """Measure; write reports and pictures when all scenes were measured."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", help=f"default: all of {', '.join(scenes())}")
     parser.add_argument("--repeats", type=int, default=None)
+    parser.add_argument("--redraw", action="store_true", help="page and pictures again from the stored numbers")
     args = parser.parse_args()
+    if args.redraw:
+        found, machine = stored()
+        text = f"{page(found)}\n\nMeasured by `benchmarks/work_precision.py` on {machine}\n"
+        (RESULTS / "work_precision.md").write_text(text, encoding="utf-8")
+        pictures(found)
+        return
     found = {}
     for name in args.scenes or scenes():
         found[name] = one_scene(name, **({"repeats": args.repeats} if args.repeats else {}))

@@ -160,7 +160,20 @@ def draw(axes: Axes, found: Measured, cost: str = "seconds", quantity: str = "po
     if level > 0.0:
         axes.axhline(level, color=BLACK, linestyle=":", linewidth=0.9)
     axes.set(xlabel=COSTS[cost], ylabel=f"final {quantity} error [{QUANTITIES[quantity]}]")
+    plain_ticks(axes)
     axes.set_title(f"{found.name}, {found.duration:g} s")
+
+
+def plain_ticks(axes: Axes) -> None:
+    """Label whole decades alone; on an axis with fewer than two of them 2 and 5 as well."""
+    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
+
+    low, high = axes.get_xlim()
+    if math.floor(math.log10(high)) - math.ceil(math.log10(low)) >= 1:
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axes.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(10.0, 10.0)))
 
 
 def legend(figure: Figure, panels: Sequence[Axes]) -> None:
