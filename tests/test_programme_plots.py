@@ -176,6 +176,7 @@ def test_without_gains_errors_stay() -> None:
         ({"gains": "none"}, (), "gains = 'none' and frequency exclude each other"),
         ({"gains": "auto"}, (), "gains = 'auto' and frequency exclude each other"),
         ({}, ("frequency",), 'or gains = "none"'),
+        ({"gains": "non"}, ("frequency",), "programme.gains = 'non': allowed: auto, none"),
         ({"h": [[0.0, 0.0], [0.0, 0.0]], "k": [[0.0, 0.0], [0.0, 0.0]]}, ("frequency",), "gains = 'none'"),
     ],
 )

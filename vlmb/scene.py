@@ -9,7 +9,7 @@ import numbers
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, get_origin
 
 import msgspec
 
@@ -319,7 +319,9 @@ def _choices_of(path: str) -> str:
         return ""
     for field in msgspec.structs.fields(table):
         if field.name == key:
-            return ", ".join(str(value) for value in getattr(field.type, "__args__", ()))
+            kinds = [field.type, *getattr(field.type, "__args__", ())]  # a Literal, or a union with one
+            choices = next((kind.__args__ for kind in kinds if get_origin(kind) is Literal), ())
+            return ", ".join(map(str, choices))
     return ""
 
 
