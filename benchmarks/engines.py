@@ -12,7 +12,7 @@ from common import save_figure, table, write_report
 # isort: split
 from work_precision import ERRORS, one_scene, ratio_rows
 
-from vlmb.bench import legend, plain_ticks
+from vlmb.bench import legend
 from vlmb.style import PALETTE
 
 SCENES = ("one link", "two links", "skier, spring link")
@@ -51,7 +51,6 @@ def draw(figure: Any, found: dict[str, dict[str, Any]]) -> None:
         for label, values in extra["points"].items():
             line = sorted((seconds, max(error, 1e-16)) for seconds, error, _ in values)
             panel.loglog(*zip(*line, strict=True), color=PALETTE[names.index(label)], marker=".", label=label)
-        plain_ticks(panel)
         panel.set(xlabel="CPU time [s]", ylabel="final position error [m]", title=name)
     legend(figure, axes)
 

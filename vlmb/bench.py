@@ -160,11 +160,10 @@ def draw(axes: Axes, found: Measured, cost: str = "seconds", quantity: str = "po
     if level > 0.0:
         axes.axhline(level, color=BLACK, linestyle=":", linewidth=0.9)
     axes.set(xlabel=COSTS[cost], ylabel=f"final {quantity} error [{QUANTITIES[quantity]}]")
-    plain_ticks(axes)
     axes.set_title(f"{found.name}, {found.duration:g} s")
 
 
-def plain_ticks(axes: Axes) -> None:
+def _plain_ticks(axes: Axes) -> None:
     """Label whole decades alone; on an axis with fewer than two of them 2 and 5 as well."""
     from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
@@ -177,7 +176,9 @@ def plain_ticks(axes: Axes) -> None:
 
 
 def legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    """Put one legend for all panels below them; each name once."""
+    """Put one legend for all panels below them, each name once; call it when all lines are drawn, since it sets the ticks."""
+    for axes in panels:
+        _plain_ticks(axes)
     entries = {str(line.get_label()): line for axes in panels for line in axes.lines if str(line.get_label())[0] != "_"}
     figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=min(len(entries), 7))
 
