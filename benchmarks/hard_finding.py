@@ -17,7 +17,7 @@ from vlmb.dynamics import Dynamics
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))  # the witnesses live there
 
-from witness import Witness  # noqa: E402
+from witness import Witness
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]
@@ -52,7 +52,7 @@ class Finding:
 
 def scene(base: Table, links: Sequence[Table], **keys: Any) -> Scene:
     """A scene of links, by default with tight tolerances and no end by a fall."""
-    return Scene.from_dict({"base": base, "links": list(links), **{"run": TIGHT, **keys}})
+    return Scene.from_dict({"base": base, "links": list(links), "run": TIGHT, **keys})
 
 
 def rod(length: float = 0.5, mass: float = 2.0, **keys: Any) -> Table:

@@ -6,7 +6,20 @@ import math
 
 import numpy as np
 from hard_finding import (
-    ANY_LENGTH, PIVOT, SKI, TIGHT, Finding, Table, judged, refused, rod, run, scene, tips, witnessed, worst_condition,
+    ANY_LENGTH,
+    PIVOT,
+    SKI,
+    TIGHT,
+    Finding,
+    Table,
+    judged,
+    refused,
+    rod,
+    run,
+    scene,
+    tips,
+    witnessed,
+    worst_condition,
 )  # fmt: skip
 from naive import paper_chart, pin_integrate
 
@@ -42,7 +55,9 @@ def vertical(quick: bool = False) -> list[Finding]:
         reference = witnessed(case, times)
         chart = paper_chart(case, times.tolist(), most=1000 if quick else 6000)
         naive = f"angles: {chart.told(chart.error(reference))}"
-        found.append(judged(f"pivoted link, {offset:g} rad beside the vertical", "ball joint", run(case, times), reference, 1e-9, naive))
+        found.append(
+            judged(f"pivoted link, {offset:g} rad beside the vertical", "ball joint", run(case, times), reference, 1e-9, naive)
+        )
     for offset in OFFSETS[:: 4 if quick else 1]:
         case = skier_over_the_top(offset)
         what = f"skier with springs, started with {offset:g} rad/s about the vertical"
@@ -61,7 +76,17 @@ def heading(quick: bool = False) -> list[Finding]:
     chart = paper_chart(skate, times.tolist(), "chaplygin", most=1000 if quick else 4000)
     off = float(np.abs(chart.base[:, 1] - true["y"][: len(chart.base)]).max())
     naive = f"tan(phi0): {chart.told(off)}"
-    found = [Finding("skate on a slope, 2.4 turns", "body velocities", error, limit=1e-9, residual=edge, condition=worst_condition(way), naive=naive)]
+    found = [
+        Finding(
+            "skate on a slope, 2.4 turns",
+            "body velocities",
+            error,
+            limit=1e-9,
+            residual=edge,
+            condition=worst_condition(way),
+            naive=naive,
+        )
+    ]
     leg = rod(0.5, 30.0, lower={"length": 0.25, "stiffness": 2e4}, upper={"length": 0.2, "stiffness": 2e4}, tip_mass=40.0)
     start = {"speed": 3.0, "phi0": 0.0, "phi1": math.pi / 2, "psi1": 1.2, "phi0_dot": 6.0, "phi1_dot": 6.0}
     case = scene(SKI, [leg], constraints=[LEANING, "psi1 = 1.2"], start=start)
@@ -77,9 +102,14 @@ def heading(quick: bool = False) -> list[Finding]:
 
 def straight_legs(hinge: float, offset: float = 0.0) -> vlmb.Scene:
     """Two spring links whose second swings through the line of the first, `offset` rad/s beside it; `hinge` [kg] between them."""
-    both = {"lower": {"length": 0.25, "stiffness": 100.0, "limits": ANY_LENGTH}, "upper": {"length": 0.2, "stiffness": 100.0, "limits": ANY_LENGTH}}
+    both = {
+        "lower": {"length": 0.25, "stiffness": 100.0, "limits": ANY_LENGTH},
+        "upper": {"length": 0.2, "stiffness": 100.0, "limits": ANY_LENGTH},
+    }
     start = {"psi1": -1.0, "psi2": -1.3, "psi2_dot": 6.0, "phi2_dot": offset}
-    return scene(PIVOT, [rod(**both, tip_mass=hinge), rod(**both, tip_mass=1.0)], start=start, run=TIGHT | {"rtol": 1e-10, "atol": 1e-11})
+    return scene(
+        PIVOT, [rod(**both, tip_mass=hinge), rod(**both, tip_mass=1.0)], start=start, run=TIGHT | {"rtol": 1e-10, "atol": 1e-11}
+    )
 
 
 def straight(quick: bool = False) -> list[Finding]:
@@ -91,13 +121,35 @@ def straight(quick: bool = False) -> list[Finding]:
         if not mass:
             naive = f"angles and RK4: {chart.outcome}"
             aligned = case.changed(start={"psi1": -1.0, "psi2": -1.0})
-            found.append(refused(f"hinge with {name}, started on the line", "named at the start", lambda aligned=aligned: run(aligned, times)))
+            found.append(
+                refused(
+                    f"hinge with {name}, started on the line", "named at the start", lambda aligned=aligned: run(aligned, times)
+                )
+            )
             near = times[times <= 0.045]  # the links are still 0.04 rad apart
-            found.append(judged(f"hinge with {name}, up to 0.04 rad before the line", "warned by build", run(case, near), witnessed(case, near, rtol=1e-11), 1e-8, naive))
+            found.append(
+                judged(
+                    f"hinge with {name}, up to 0.04 rad before the line",
+                    "warned by build",
+                    run(case, near),
+                    witnessed(case, near, rtol=1e-11),
+                    1e-8,
+                    naive,
+                )
+            )
             continue
         reference = witnessed(case, times, rtol=1e-11)
         naive = f"angles and RK4: {chart.told(chart.error(reference))}"
-        found.append(judged(f"hinge with {name}, through the line", "Cholesky of the ball-joint form", run(case, times), reference, 1e-7, naive))
+        found.append(
+            judged(
+                f"hinge with {name}, through the line",
+                "Cholesky of the ball-joint form",
+                run(case, times),
+                reference,
+                1e-7,
+                naive,
+            )
+        )
     return found
 
 
@@ -124,7 +176,11 @@ def lengths(quick: bool = False) -> list[Finding]:
         line = np.stack([1.0 - times, np.zeros(41), beside * times], axis=1)[:, None]
         chart = paper_chart(case, times.tolist(), method="rk4", step=1e-3, most=10**6)
         naive = f"angles and RK4: {chart.told(chart.error(line))}"
-        found.append(judged(f"far end passes its hinge at {beside:g} m", "ball joint, length below zero", run(case, times), line, 1e-6, naive))
+        found.append(
+            judged(
+                f"far end passes its hinge at {beside:g} m", "ball joint, length below zero", run(case, times), line, 1e-6, naive
+            )
+        )
     return found
 
 
@@ -148,18 +204,33 @@ def spin(quick: bool = False) -> list[Finding]:
     found.append(judged("the same, rk4 with steps of 1 ms", "the same", fixed, ends, 1e-3))
     finer = run(flying, times, method="rk4", step=5e-4)
     ratio = np.abs(tips(fixed) - ends).max() / np.abs(tips(finer) - ends).max()
-    found.append(Finding("order of rk4 there, from steps of 1 and 0.5 ms", "log2 of the ratio of errors", abs(math.log2(ratio) - 4.0), "", 0.7))
+    found.append(
+        Finding(
+            "order of rk4 there, from steps of 1 and 0.5 ms", "log2 of the ratio of errors", abs(math.log2(ratio) - 4.0), "", 0.7
+        )
+    )
     times = np.linspace(0.0, 2.0, 51)
     skate = scene(SKI, [], slope=0.3, start={"phi0_dot": 100.0})
     way, exactly = run(skate, times), exact.skate(times, 5.0, 0.3, 100.0)
     error = max(float(np.abs(way[name] - exactly[name]).max()) for name in ("x", "y"))
-    found.append(Finding("ski turning at 100 rad/s on a slope", "body velocities", error, limit=1e-10, condition=worst_condition(way), residual=float(np.abs(way["balance"]).max())))
+    found.append(
+        Finding(
+            "ski turning at 100 rad/s on a slope",
+            "body velocities",
+            error,
+            limit=1e-10,
+            condition=worst_condition(way),
+            residual=float(np.abs(way["balance"]).max()),
+        )
+    )
     cone = exact.conical_spring_pendulum(2.0, 1e6, 0.6, 1.5692)
     start = {"psi1": cone["psi1"], "xi1_1": cone["xi1_1"], "phi1_dot": cone["phi1_dot"]}
     whirl = scene(PIVOT, [rod(0.0, 0.0, lower={"length": 0.6, "stiffness": 1e6}, tip_mass=2.0)], start=start)
     angle = cone["phi1_dot"] * times
     flat = cone["xi1_1"] * math.cos(cone["psi1"])
-    circle = np.stack([flat * np.cos(angle), flat * np.sin(angle), np.full(51, cone["xi1_1"] * math.sin(cone["psi1"]))], axis=1)[:, None]
+    circle = np.stack([flat * np.cos(angle), flat * np.sin(angle), np.full(51, cone["xi1_1"] * math.sin(cone["psi1"]))], axis=1)[
+        :, None
+    ]
     found.append(judged(f"mass whirled at {cone['phi1_dot']:.0f} rad/s", "ball joint", run(whirl, times), circle, 1e-7))
     return found
 
@@ -174,10 +245,20 @@ def equilibrium(quick: bool = False) -> list[Finding]:
     found = []
     rate = math.sqrt(1.5 * 9.81 / 0.5)
     for method in ("adams", "dop853", "radau", "gauss"):
-        way = run(scene(PIVOT, [upright()]), np.linspace(0.0, 3.0, 31), method=method, **({"step": 1e-2} if method == "gauss" else {}))
+        way = run(
+            scene(PIVOT, [upright()]), np.linspace(0.0, 3.0, 31), method=method, **({"step": 1e-2} if method == "gauss" else {})
+        )
         off = float(np.abs(way.position("link1") - [0.0, 0.0, 0.5]).max())
         said = " ".join([*way.repairs, "" if way.status == "finished" else way.message]).strip()
-        found.append(Finding(f"link upright at rest, 3 s, {method}", "stays within what rounding grows to", off, limit=1e-16 * math.exp(3.0 * rate) * 10, said=said))
+        found.append(
+            Finding(
+                f"link upright at rest, 3 s, {method}",
+                "stays within what rounding grows to",
+                off,
+                limit=1e-16 * math.exp(3.0 * rate) * 10,
+                said=said,
+            )
+        )
     nudge = 1e-6
     way = run(scene(PIVOT, [upright()], start={"psi1": math.pi / 2 - nudge}), np.linspace(0.0, 3.0, 31))
     grown = nudge * np.cosh(rate * way.t)

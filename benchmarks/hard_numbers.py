@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from hard_finding import ANY_LENGTH, PIVOT, SKI, TIGHT, Array, Finding, Table, judged, refused, rod, run, scene, tips, witnessed
+from hard_finding import ANY_LENGTH, PIVOT, SKI, TIGHT, Array, Finding, Table, judged, rod, run, scene, tips, witnessed
 from naive import paper_chart, pin_integrate
 
 import vlmb
@@ -45,7 +45,15 @@ def ratios(quick: bool = False) -> list[Finding]:
         case = scene(PIVOT, [light], start={"psi1": 0.3, "phi1_dot": 1.0})
         if k == 10.0:
             times = np.linspace(0.0, 0.02, 11)
-        found.append(judged(f"tip mass 1e-9 kg on a spring of {k:g} N/m", method, run(case, times, method=method), witnessed(case, times, 1e-11), limit))
+        found.append(
+            judged(
+                f"tip mass 1e-9 kg on a spring of {k:g} N/m",
+                method,
+                run(case, times, method=method),
+                witnessed(case, times, 1e-11),
+                limit,
+            )
+        )
     return found
 
 
@@ -58,17 +66,29 @@ def stiff_leg(k: float, c: float = 0.0) -> vlmb.Scene:
 def stiff(quick: bool = False) -> list[Finding]:
     """6. Stiff legs, k to 1e8 N/m, and damped ones."""
     found, times = [], np.linspace(0.0, 0.5, 26)
-    for k, c, method in ((1e4, 0.0, "adams"), (1e6, 0.0, "adams"), (1e8, 0.0, "adams"), (1e8, 0.0, "dop853"), (1e8, 1e5, "adams"), (1e8, 1e5, "bdf"), (1e8, 1e5, "radau")):
+    for k, c, method in (
+        (1e4, 0.0, "adams"),
+        (1e6, 0.0, "adams"),
+        (1e8, 0.0, "adams"),
+        (1e8, 0.0, "dop853"),
+        (1e8, 1e5, "adams"),
+        (1e8, 1e5, "bdf"),
+        (1e8, 1e5, "radau"),
+    ):
         case = stiff_leg(k, c)
         length = exact.vertical_oscillator(times, 80.0, k, 0.5, 0.501, damping=c, up=False)["xi1_1"]
         line = np.zeros((26, 1, 3))
         line[:, 0, 2] = -length - 0.5
         clumsy = pin_integrate(case, times.tolist(), 2e-3)
-        options: Table = {} if method in ("adams", "dop853") else {"rtol": 1e-9, "atol": 1e-11}
+        options: Table = {"rtol": 1e-7, "atol": 1e-10} if method == "radau" else {}
         way = run(case, times, method=method, **options)
         damped = f", damped {c:g} N s/m" if c else ""
         naive = f"RK4 through pin.integrate, 2 ms: {clumsy.told(clumsy.error(line))}"
-        found.append(judged(f"leg of {k:g} N/m{damped}, {method}", f"{way.stats['rhs_evaluations']} right-hand sides", way, line, 1e-8, naive))
+        found.append(
+            judged(
+                f"leg of {k:g} N/m{damped}, {method}", f"{way.stats['rhs_evaluations']} right-hand sides", way, line, 1e-8, naive
+            )
+        )
     return found
 
 
@@ -80,10 +100,12 @@ def turning_skier() -> vlmb.Scene:
     return scene(SKI | {"inertia": 2.0}, [leg], forces=upright, start=start)
 
 
-def march(case: vlmb.Scene, method: str, step: float, steps: int, knife_edge: str = "reduction", gain: float = 0.0) -> dict[str, Any]:
-    """Fixed steps from the start: largest relative error of the energy, its drift from the first tenth of the run to the last, of
+def march(
+    case: vlmb.Scene, method: str, step: float, steps: int, knife_edge: str = "reduction", gain: float = 0.0
+) -> dict[str, Any]:
+    """Fixed steps from the start: largest relative error of the energy and its drift from the first tenth of the run to the last.
 
-    the edge constraint [m/s] and of quaternion norms; `turns` of the heading and the last sample's condition number.
+    Also the largest error of the edge [m/s] and of quaternion norms, `turns` of the heading, the last condition number.
     """
     mechanism = vlmb.build(case)
     dynamics = Dynamics(mechanism, knife_edge, gain)
@@ -93,8 +115,8 @@ def march(case: vlmb.Scene, method: str, step: float, steps: int, knife_edge: st
     balls = [slice(link.q, link.q + 4) for link in layout.links]
     errors, edge, norms, turned, first = [], 0.0, 0.0, 0.0, math.nan
     heading = math.atan2(y[3], y[2])
-    for k in range(2001):
-        y = driver.advance(step * steps * k / 2000.0) if k else y
+    for k in range(1001):
+        y = driver.advance(step * steps * k / 1000.0) if k else y
         q, v = dynamics.unpack(0.0, y)
         energy = pin.computeKineticEnergy(model, data, q, v) + pin.computePotentialEnergy(model, data, q)
         energy += float(vlmb.trajectory.spring_energy(mechanism, q[None])[0])
@@ -109,23 +131,35 @@ def march(case: vlmb.Scene, method: str, step: float, steps: int, knife_edge: st
         heading = now
     share = np.array(errors)
     return {
-        "energy": float(np.abs(share).max()), "drift": float(share[-200:].mean() - share[:200].mean()), "edge": edge,
+        "energy": float(np.abs(share).max()), "drift": float(share[-100:].mean() - share[:100].mean()), "edge": edge,
         "norms": norms, "turns": abs(turned) / math.tau, "condition": dynamics.conditioning(y[: layout.nq])[0],
     }  # fmt: skip
 
 
 def long_run(quick: bool = False) -> list[Finding]:
     """11. A million steps of a turning skier."""
-    steps, found = 20_000 if quick else 1_000_000, []
-    clumsy = march(turning_skier(), "euler", 2e-3, steps // 10, "multiplier") if True else {}
-    for method, edge, gain in (("rk4", "reduction", 0.0), ("gauss", "reduction", 0.0), ("rk4", "multiplier", 0.0), ("rk4", "multiplier", 5.0)):
+    steps, found = 2_000 if quick else 1_000_000, []
+    try:
+        clumsy = march(turning_skier(), "euler", 2e-3, 1000, "multiplier")
+        euler = f"explicit Euler, 1000 steps: energy off by {clumsy['energy']:.1e}, edge {clumsy['edge']:.1e} m/s"
+    except vlmb.VlmbError as error:
+        euler = f"explicit Euler does not last 1000 steps: {error}"
+    for method, edge, gain in (
+        ("rk4", "reduction", 0.0),
+        ("gauss", "reduction", 0.0),
+        ("rk4", "multiplier", 0.0),
+        ("rk4", "multiplier", 5.0),
+    ):
         count = 100_000 if quick and method == "rk4" and edge == "reduction" else steps
         now = march(turning_skier(), method, 2e-3, count, edge, gain)
         what = f"{count} steps of 2 ms, {method}, {edge}{f' with gain {gain:g}/s' if edge == 'multiplier' else ''}"
         done = f"{now['turns']:.0f} turns; energy drifts by {now['drift']:.1e}, quaternion norms by {now['norms']:.1e}"
-        euler = f"explicit Euler, {steps // 10} steps: energy off by {clumsy['energy']:.1e}, norms {clumsy['norms']:.1e}, edge {clumsy['edge']:.1e} m/s"
         limit = 1e-6 if method == "gauss" else 1e-3
-        found.append(Finding(what, done, now["energy"], "of the energy", limit, now["edge"], now["condition"], naive=euler if not found else ""))
+        found.append(
+            Finding(
+                what, done, now["energy"], "of the energy", limit, now["edge"], now["condition"], naive=euler if not found else ""
+            )
+        )
     return found
 
 
@@ -141,7 +175,8 @@ def chaos(quick: bool = False) -> list[Finding]:
     reference = np.insert(rods.positions(states), 1, 0.0, axis=2)
     clumsy_scene = vlmb.Scene.from_dict(rods.scene(psi, [0.0, 0.0], run=TIGHT))
     clumsy = pin_integrate(clumsy_scene, times.tolist(), 1e-3)
-    naive = f"RK4 through pin.integrate, 1 ms: agrees to 1e-3 m until {agrees(times, np.abs(clumsy.tips - reference).max(axis=(1, 2))):.1f} s"
+    lasted = agrees(times, np.abs(clumsy.tips - reference).max(axis=(1, 2)))
+    naive = f"RK4 through pin.integrate, 1 ms: agrees to 1e-3 m until {lasted:.1f} s"
     found = []
     for plane in (False, True):
         for method, rtol in (("dop853", 1e-7), ("dop853", 1e-13), ("adams", 1e-13)):
@@ -149,13 +184,14 @@ def chaos(quick: bool = False) -> list[Finding]:
             way = run(case, times, method=method, rtol=rtol, atol=0.1 * rtol)
             error = np.abs(tips(way) - reference).max(axis=(1, 2))
             until = agrees(times, error)
-            before = times <= min(0.75 * until, 6.0)
-            limit = 1e-3
+            before = times <= math.log(1e-6 / rtol) / grows  # until then a thousand times rtol has not grown to 1e-3 m
             what = f"{'plane' if plane else 'ball joints'}, {method}, rtol {rtol:g}"
-            done = f"agrees to 1e-3 m until {until:.1f} s; distances grow as exp({grows:.2g} t)"
+            done = (
+                f"agrees to 1e-3 m until {until:.1f} s, predicted {times[before][-1]:.1f} s at least; grows as exp({grows:.2g} t)"
+            )
             said = "" if way.status == "finished" else way.message
             off = float(np.abs(way["balance"]).max())
-            found.append(Finding(what, done, float(error[before].max()), limit=limit, residual=off, said=said, naive=naive))
+            found.append(Finding(what, done, float(error[before].max()), limit=1e-3, residual=off, said=said, naive=naive))
             naive = ""
     return found
 
@@ -169,15 +205,39 @@ def agrees(times: Array, error: Array, limit: float = 1e-3) -> float:
 def full_scene() -> Table:
     """A scene that uses every kind of number a scene may have."""
     segment = {"length": 0.25, "stiffness": 3000.0, "damping": 20.0, "rest": 0.25, "limits": [0.05, 0.8]}
-    legs = {"name": "legs", "rod": {"length": 0.5, "mass": 30.0, "com": 0.2, "inertia": 0.8}, "lower": segment, "upper": dict(segment), "tip_mass": 4.0}
+    legs = {
+        "name": "legs",
+        "rod": {"length": 0.5, "mass": 30.0, "com": 0.2, "inertia": 0.8},
+        "lower": segment,
+        "upper": dict(segment),
+        "tip_mass": 4.0,
+    }
     trunk = {"name": "trunk", "rod": {"length": 0.5, "mass": 30.0}, "lower": {"length": 0.1, "motion": "fixed"}, "tip_mass": 5.0}
     spring = {"between": ["base", "legs"], "stiffness": 3000.0, "damping": 100.0, "rest": 0.4}
-    start = {"x": 0.1, "y": 0.1, "phi0": 0.3, "phi1": 0.3, "psi1": 1.2, "psi2": 1.0, "xi1_1": 0.25, "speed": 3.0, "phi1_dot": 0.2, "xi1_1_dot": 0.1}
-    programme = {"constraints": ["psi1 = A"], "controls": ["M_psi1"], "frequency": 5.0, "damping_ratio": 1.0, "weights": {"M_psi1": 1.0}}
+    start = {
+        "x": 0.1,
+        "y": 0.1,
+        "phi0": 0.3,
+        "phi1": 0.3,
+        "psi1": 1.2,
+        "psi2": 1.0,
+        "xi1_1": 0.25,
+        "speed": 3.0,
+        "phi1_dot": 0.2,
+        "xi1_1_dot": 0.1,
+    }
+    programme = {
+        "constraints": ["psi1 = A"],
+        "controls": ["M_psi1"],
+        "frequency": 5.0,
+        "damping_ratio": 1.0,
+        "weights": {"M_psi1": 1.0},
+    }
     settings = {"duration": 0.05, "rtol": 1e-6, "atol": 1e-8, "samples": 60.0, "gain": 5.0, "step": 1e-3}
     return {
-        "gravity": 9.81, "slope": 0.1, "base": dict(SKI, com_offset=0.1), "links": [legs, trunk], "forces": [{"on": "M_phi0", "law": 1.0}, spring],
-        "start": start, "parameters": {"A": 1.2}, "programme": programme, "run": settings,
+        "gravity": 9.81, "slope": 0.1, "base": dict(SKI, com_offset=0.1), "links": [legs, trunk],
+        "forces": [{"on": "M_phi0", "law": 1.0}, spring], "start": start, "parameters": {"A": 1.2},
+        "programme": programme, "run": settings,
     }  # fmt: skip
 
 
@@ -201,7 +261,9 @@ def outcome_of(attempt: Any) -> str:
         return f"{type(error).__name__}: {error}"
     if not isinstance(answer, vlmb.Trajectory):
         return f"accepted: {answer!r}"
-    return "finite" if np.isfinite(answer.q).all() and np.isfinite(answer.v).all() and np.isfinite(answer["energy"]).all() else "NaN"
+    return (
+        "finite" if np.isfinite(answer.q).all() and np.isfinite(answer.v).all() and np.isfinite(answer["energy"]).all() else "NaN"
+    )
 
 
 def bad_input(quick: bool = False) -> list[Finding]:
@@ -245,15 +307,43 @@ def bad_input(quick: bool = False) -> list[Finding]:
         for value in BAD[:3]:
             note(f"state {name} = {value}", lambda name=name, value=value: mechanism.state(values | {name: value}))
             note(f"state {name}_dot = {value}", lambda name=name, value=value: mechanism.state(values, {f"{name}_dot": value}))
-            note(f"equations {name} = {value}", lambda name=name, value=value: vlmb.equations_of_motion(mechanism, values | {name: value}))
-            note(f"equations {name}_dot = {value}", lambda name=name, value=value: vlmb.equations_of_motion(mechanism, values, {f"{name}_dot": value}))
+            note(
+                f"equations {name} = {value}",
+                lambda name=name, value=value: vlmb.equations_of_motion(mechanism, values | {name: value}),
+            )
+            note(
+                f"equations {name}_dot = {value}",
+                lambda name=name, value=value: vlmb.equations_of_motion(mechanism, values, {f"{name}_dot": value}),
+            )
     found.append(report("every coordinate and rate of a state"))
     plain = {**table, "programme": None, "forces": []}
     for value in BAD:
-        note(f"control {value}", lambda value=value: vlmb.simulate(vlmb.Scene.from_dict(plain), control=lambda t, view: {"M_phi0": value if t > 0.01 else 0.0}))
-    for law in ("1/(t - 0.02)", "log(t - 0.02)", "exp(1e5*t)", "sqrt(0.02 - t)", "1e308*exp(t)*1e10", "1/0", "0/0*t", "tan(pi/2 + 0*t)*1e300", "asin(2 + t)"):
-        note(f"law {law}", lambda law=law: vlmb.simulate(vlmb.Scene.from_dict({**plain, "forces": [{"on": "M_phi0", "law": law}]})))
-        note(f"programme {law}", lambda law=law: vlmb.simulate(vlmb.Scene.from_dict({**table, "programme": table["programme"] | {"constraints": [f"psi1 = {law}"]}})))
+        note(
+            f"control {value}",
+            lambda value=value: vlmb.simulate(
+                vlmb.Scene.from_dict(plain), control=lambda t, view: {"M_phi0": value if t > 0.01 else 0.0}
+            ),
+        )
+    for law in (
+        "1/(t - 0.02)",
+        "log(t - 0.02)",
+        "exp(1e5*t)",
+        "sqrt(0.02 - t)",
+        "1e308*exp(t)*1e10",
+        "1/0",
+        "0/0*t",
+        "tan(pi/2 + 0*t)*1e300",
+        "asin(2 + t)",
+    ):
+        note(
+            f"law {law}", lambda law=law: vlmb.simulate(vlmb.Scene.from_dict({**plain, "forces": [{"on": "M_phi0", "law": law}]}))
+        )
+        note(
+            f"programme {law}",
+            lambda law=law: vlmb.simulate(
+                vlmb.Scene.from_dict({**table, "programme": table["programme"] | {"constraints": [f"psi1 = {law}"]}})
+            ),
+        )
     found.append(report("values of controls, laws and programmes"))
     return found
 

@@ -1,4 +1,4 @@
-"""Naive ways to integrate a scene, to show what goes wrong: the paper's angles as coordinates, and Runge-Kutta through pin.integrate.
+"""Naive ways to integrate a scene, to show what goes wrong: the paper's angles, and Runge-Kutta through pin.integrate.
 
 Every way returns what it reached and an outcome: `finished` even where the answer is wrong, since it does not know.
 """
@@ -50,7 +50,7 @@ class Naive:
         return f"{FINISHED} without a word, error {error:.1e}" if math.isfinite(error) else "NaN"
 
 
-class _Stopped(Exception):  # noqa: N818
+class _Stopped(Exception):
     """A naive way cannot go on."""
 
 
@@ -140,7 +140,9 @@ def pin_integrate(scene: Scene, times: Sequence[float], step: float = 1e-3, sche
     return Naive(np.array(tips), np.array(base), dynamics.evaluations, outcome)
 
 
-def _states(rhs: Callable[[float, Array], Array], y: Array, times: Sequence[float], method: str, step: float) -> tuple[list[Array], str]:
+def _states(
+    rhs: Callable[[float, Array], Array], y: Array, times: Sequence[float], method: str, step: float
+) -> tuple[list[Array], str]:
     """States at each time, as far as it goes, and the outcome."""
     found, t = [y] if times[0] == 0.0 else [], 0.0
     try:

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 HELD = 1e-9  # a residual below this counts as zero
 ITERATIONS, NUDGE = 60, 1e-6
+ALIKE = 1e-5  # rows whose directions differ by less are told: a little below, the dynamics take them for one
+FAR = 1.0  # [rad] between two azimuths that shall be equal
 LEAN = 0.3  # [rad] where the search begins for a link whose azimuth matters and whose elevation is not given
 
 
@@ -104,7 +106,7 @@ def ideal_rank(mechanism: Mechanism, coordinates: dict[str, float], rates: dict[
         jacobian[:, SIDEWAYS] = 0.0
     sizes = np.linalg.norm(jacobian, axis=1)
     unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
-    return int(np.linalg.matrix_rank(unit, tol=1e-9)) if unit.size else 0, rows.count
+    return int(np.linalg.matrix_rank(unit, tol=ALIKE)) if unit.size else 0, rows.count
 
 
 def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
@@ -112,6 +114,17 @@ def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], 
     q, v = mechanism.state(coordinates, rates)
     pin.crba(mechanism.model, mechanism.data, q, pin.Convention.WORLD)
     return rows.evaluate(0.0, q, v, [coordinates[name] for name in mechanism.layout.names])
+
+
+def _bring_azimuths_near(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
+    """Move azimuths that an ideal row equates halfway to each other, where a search from so far apart may end elsewhere."""
+    for text in mechanism.scene.constraints:
+        pair = [side.strip() for side in text.split("=")]
+        if len(pair) == 2 and all(name.startswith("phi") and name in coordinates for name in pair):
+            gap = math.remainder(coordinates[pair[0]] - coordinates[pair[1]], math.tau)
+            if abs(gap) > FAR:
+                coordinates[pair[0]] -= 0.5 * gap
+                coordinates[pair[1]] += 0.5 * gap
 
 
 def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> list[str]:
@@ -122,6 +135,7 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
     names = [name for name in mechanism.layout.names if name not in followed]
     unset = [name for name in names if name not in mechanism.scene.start]
     before = dict(coordinates)
+    _bring_azimuths_near(mechanism, coordinates)
 
     def residual(chosen: list[tuple[Rows, bool]]) -> Array:
         parts = [row_values(mechanism, rows, coordinates, {}).z[rows.holonomic] for rows, _ in chosen]
