@@ -168,18 +168,18 @@ def test_a_thousand_links_take_ten_times_the_memory_of_a_hundred() -> None:
 
 
 def test_bounds_of_the_recursive_route_follow_from_the_measurements() -> None:
-    """Up to RECURSIVE_LINKS it is faster and its error of the order of the dense one's; beyond, its error takes over."""
+    """Within them it is as fast or faster (5 % for the clock) and no less exact; beyond, its error takes over; below, dense wins."""
     data = json.loads((RESULTS / "rhs_cost.json").read_text(encoding="utf-8"))
     for base, fewest in (("pivot", 1), ("ski", RECURSIVE_ON_SKI)):
         for text, seconds in data["time"][base].items():
             n, error = int(text), data["error"][base][text]
             if fewest <= n <= RECURSIVE_LINKS:
-                assert seconds["recursive"] < seconds["dense"], (base, n)
+                assert seconds["recursive"] < 1.05 * seconds["dense"], (base, n)
                 assert error["recursive"] < 2.0 * error["dense"], (base, n)
             elif n > RECURSIVE_LINKS:
                 assert error["recursive"] > 10.0 * error["dense"], (base, n)
             else:
-                assert seconds["recursive"] > 0.9 * seconds["dense"], (base, n)
+                assert seconds["recursive"] > seconds["dense"], (base, n)
 
 
 def test_the_bound_of_one_model_follows_from_the_measurements() -> None:
