@@ -77,6 +77,11 @@ DECAYS: dict[str, Table] = {
     "beside an ideal constraint": skier([ROWS[0], ROWS[2], ROWS[3]], ["M_phi0", "M_psi1", "F1_1"], frequency=4.0,
                                         start={**START, "phi1": 0.35, "phi1_dot": 0.2}, keys={"constraints": ["phi1 = phi0"]}),
     "of directions": skier(["legs.direction.x*sin(phi0) = legs.direction.y*cos(phi0)", "legs.tip.z = 0.9"], frequency=5.0),
+    "beside a pumped segment": skier(["legs.length = 1.1", *ROWS[1::2]], ["F1_1", "M_phi1", "M_psi1"], keys={"links": [
+        link("legs", lower={"length": 0.3, "limits": ANY_LENGTH}, upper={"motion": "prescribed", "law": "0.3 + 0.1*sin(4*t)"})]}),
+    "by a hinge torque": skier(ROWS[1:], ["M_phi1", "T_legs", "F1_1"], frequency=4.0),
+    "in the ski's plane": skier([ROWS[2], ROWS[3]], ["M_psi1", "F1_1"], keys={"plane": True}, start={
+        name: value for name, value in START.items() if not name.startswith("phi1")}),
     "in time": skier(["psi1 = lean + 0.1*sin(3*t)", "legs.length = 1 + 0.05*cos(2*t)"], ["M_psi1", "F1_1"]),
 }  # fmt: skip
 
@@ -367,6 +372,24 @@ def test_an_ideal_row_repeated_by_the_programme_is_named() -> None:
     stopped = vlmb.simulate(vlmb.Scene.from_dict(wrong), duration=0.3)
     assert stopped.status == "failed"
     assert "phi1 = phi0 + 0.1" in stopped.message and "M_phi1" in stopped.message
+
+
+@pytest.mark.parametrize("knife_edge", ["multiplier", "projection"])
+@pytest.mark.parametrize("keys", [{}, {"constraints": ["phi1 = phi0"]}], ids=["alone", "beside an ideal constraint"])
+def test_forms_of_the_knife_edge_agree_under_a_programme(knife_edge: str, keys: Table) -> None:
+    rows = [ROWS[0], *ROWS[2:]] if keys else ROWS
+    controls = ["M_phi0", "M_psi1", "F1_1"] if keys else CONTROLS
+    start = {**START, "phi1": 0.35, "phi1_dot": 0.2}
+    checked = vlmb.Scene.from_dict(skier(rows, controls, start, keys))
+    wanted = vlmb.simulate(checked, duration=0.6, t_eval=np.linspace(0.0, 0.6, 13))
+    found = vlmb.simulate(checked, duration=0.6, t_eval=wanted.t, knife_edge=knife_edge, gain=3.0)
+    assert found.status == "finished", found.message
+    np.testing.assert_allclose(found.position("legs"), wanted.position("legs"), rtol=0, atol=1e-8)
+    for name in controls:
+        largest = np.abs(wanted.controls[name]).max()
+        np.testing.assert_allclose(found.controls[name], wanted.controls[name], rtol=0, atol=1e-7 * largest, err_msg=name)
+    edge = wanted.reactions["knife_edge"]
+    np.testing.assert_allclose(found.reactions["knife_edge"], edge, rtol=0, atol=1e-7 * np.abs(edge).max())
 
 
 # ---- what cannot be controlled

@@ -132,7 +132,7 @@ class ProgrammeControl:
         """Say which rows the controls have nearly lost since the start; nothing where they have not."""
         if not np.isfinite(self.effect).all() or np.linalg.svd(self.effect, compute_uv=False)[-1] > WEAK * self.grip:
             return ""
-        return f" The programme is nearly singular there: {self._weak_rows(self.effect)}, by {', '.join(self.names)}."
+        return f"; the programme is nearly singular there: {self._weak_rows(self.effect)}, by {', '.join(self.names)}"
 
     def _least_deficient(self, g: Array, beta: Array) -> Array:
         if not (np.isfinite(g).all() and np.isfinite(beta).all()):
