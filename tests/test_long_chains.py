@@ -168,7 +168,7 @@ def test_a_thousand_links_take_ten_times_the_memory_of_a_hundred() -> None:
 
 
 def test_bounds_of_the_recursive_route_follow_from_the_measurements() -> None:
-    """Within them it is as fast or faster (5 % for the clock) and no less exact; beyond, its error takes over; below, dense wins."""
+    """Within them it is as fast (to 5 %) and no less exact; beyond, its error takes over; below, the dense one is faster."""
     data = json.loads((RESULTS / "rhs_cost.json").read_text(encoding="utf-8"))
     for base, fewest in (("pivot", 1), ("ski", RECURSIVE_ON_SKI)):
         for text, seconds in data["time"][base].items():
