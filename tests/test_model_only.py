@@ -23,7 +23,6 @@ UNASKED = (
     "meshcat",
     "tqdm",
     "PIL",
-   
     "vlmb.plots",
     "vlmb.view",
     "vlmb.page",
