@@ -132,7 +132,7 @@ class ConstrainedSystem:
         wanted = NOTHING
         if rows is not None:
             self.numbers = numbers = rows.numbers(t, q, v, reference)
-            self.memory.put(self.places, numbers)
+            self.memory[self.places] = numbers
             wanted = self.law.dot(numbers)
         if self.held:
             wanted[0] = -self.gain * v.item(SIDEWAYS)
@@ -140,7 +140,7 @@ class ConstrainedSystem:
             self._bend(reference)
         if given is not None:
             wanted -= self.apart[acting + 1 :].dot(given)
-        _, answer, info = lapack.dposv(self.mechanism.data.M, self.right, overwrite_a=1)
+        _, answer, info = lapack.dposv(self.mechanism.data.M, self.right, 0, 1)  # M overwritten
         if info:
             return None
         moved = answer.T.dot(self.jacobian)  # accelerations of the rows by each control, by b, by each multiplier

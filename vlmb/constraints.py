@@ -75,6 +75,7 @@ class Rows:
         self.matrix = np.zeros((self.count + len(pushed), mechanism.layout.nv))
         for place, value in self.constants.items():
             self.matrix[place] = value
+        self.size = 3 * self.count + len(self.places)
         self.varying = np.array([row * mechanism.layout.nv + at for row, at in self.places], dtype=np.intp)
 
     def numbers(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> Array:
@@ -82,7 +83,7 @@ class Rows:
 
         Entries that never change are in `constants`. All is nan where an equation has no value.
         """
-        return np.array(self.function(*self.motion.numbers(t, q, v, reference)))
+        return np.fromiter(self.function(*self.motion.numbers(t, q, v, reference)), float, self.size)
 
     def evaluate(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> RowValues:
         """Evaluate all rows at a state. Raises SimulationError where an equation has no finite value."""
