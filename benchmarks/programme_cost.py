@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from common import interleaved, table, write_report
+from common import interleaved, save_figure, table, write_report
 
 # isort: split
 import numpy as np
@@ -22,6 +22,10 @@ from scipy.linalg import lapack
 import vlmb
 from vlmb.dynamics import Dynamics
 from vlmb.mechanism import build
+from vlmb.style import GREY, PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 SCENES = {
@@ -103,6 +107,23 @@ def parts(dynamics: Dynamics, y: np.ndarray[Any, Any]) -> dict[str, Callable[[],
     }
 
 
+def draw(figure: Figure, data: dict[str, Any]) -> None:
+    """Bars of what programmes add, by scene, and the limit."""
+    axes = figure.add_subplot()
+    names, values, colours = [], [], []
+    for colour, label in zip(PALETTE, (*SCENES, BARE), strict=False):
+        for name, value in data[label]["added"].items():
+            names.append(f"{label}: {name}")
+            values.append(value)
+            colours.append(colour)
+    places = range(len(names))
+    axes.barh(places, values, color=colours)
+    axes.set_yticks(places, names)
+    axes.invert_yaxis()
+    axes.axvline(ADDED, color=GREY, linestyle="--")
+    axes.set_xlabel("added by the programme, in right-hand sides of the scene without it")
+
+
 def main() -> None:
     """Measure and write benchmarks/results/programme_cost.md and .json."""
     lines: list[list[str]] = []
@@ -155,7 +176,9 @@ def main() -> None:
         f"Runs of {DURATION:g} s at rtol {RTOL:g} (processor time of the march, fastest of {RUNS}; output is not included):",
         table(["scene", "status", "seconds reached", "evaluations", "times real time"], runs),
     ]
-    for file in write_report("programme_cost", "\n\n".join(page), data):
+    picture = save_figure("programme_cost", lambda figure: draw(figure, data), 8.0, 6.5)
+    page.insert(-2, f"![what programmes add, by scene]({picture.name})")
+    for file in (*write_report("programme_cost", "\n\n".join(page), data), picture):
         print(file)
     print("\n\n".join(page))
 
