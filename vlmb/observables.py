@@ -158,7 +158,7 @@ class Motion:
         self.chain = [i for i in layout.order if any(i in layout.path(b.link) for b in turning.values())]
         self.headed = "phi0" in chosen
         self.angled = [i for i in self.chain if {f"phi{i + 1}", f"psi{i + 1}"} & turning.keys()]
-        self.pathless = {i for i in self.angled if f"phi{i + 1}" in turning}  # those that have no azimuth at the pole
+        self.azimuths = {i for i in self.angled if f"phi{i + 1}" in turning}  # those that have no azimuth at the pole
         balls = [layout.links[i].v for i in self.chain]
         first, end = min(balls, default=0), max(balls, default=-3) + 3
         self.axes = frames.angular[:, first:end]  # live, in the surface frame
@@ -191,7 +191,7 @@ class Motion:
         for i in self.angled:
             k, at = self.places[i], self.layout.index[f"psi{i + 1}"]
             x, y = xs[k], ys[k]
-            if i in self.pathless and x * x + y * y < POLE * POLE:
+            if i in self.azimuths and x * x + y * y < POLE * POLE:
                 raise self._no_azimuth(i)
             found += read_angles((x, y, zs[k]), (reference[at - 1], reference[at]))
         return found
