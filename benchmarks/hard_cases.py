@@ -1,6 +1,6 @@
 """Fifteen hard cases: what the engine answers, how far it is off, and what naive ways do there.
 
-Usage: python benchmarks/hard_cases.py [NUMBER...]. All take about ten minutes, most of them the million steps of case 11;
+Usage: python benchmarks/hard_cases.py [NUMBER...]. All take some minutes, most of them the million steps of case 11;
 numbers choose cases to measure again, the others stay as they are. Exit code 1 if any answer is off without a word.
 """
 
@@ -11,6 +11,7 @@ import sys
 import time
 from collections import Counter
 from dataclasses import asdict
+from typing import Any
 
 from common import RESULTS, table, write_report
 
@@ -55,25 +56,50 @@ def section(title: str, findings: list[Finding]) -> str:
     return "\n\n".join(parts)
 
 
+def summary(found: dict[str, list[Finding]]) -> str:
+    """One line a case: variants, the error nearest to what is allowed or beyond it, condition, verdicts."""
+    rows = []
+    for title, findings in found.items():
+        judged = [f for f in findings if f.error is not None and f.verdict != "said"]
+        worst = max(judged, key=lambda f: f.error / f.limit if f.limit else f.error)
+        conditions = [f.condition for f in findings if f.condition is not None]
+        verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(Counter(f.verdict for f in findings).items()))
+        error = f"{number(worst.error)} {worst.unit} of {number(worst.limit)}"
+        rows.append((title.rstrip("."), error, number(max(conditions)) if conditions else "", verdicts))
+    return table(("case", "worst error of what is allowed", "condition", "verdicts of the variants"), rows)
+
+
+def stored_findings(data: dict[str, Any]) -> dict[str, list[Finding]]:
+    """Findings by title from stored results; null stands for what was not finite."""
+    return {
+        entry["title"]: [Finding(**{k: v for k, v in f.items() if k != "verdict"}) for f in entry["findings"]]
+        for entry in data.values()
+    }
+
+
 def main(chosen: list[int]) -> int:
     """Measure, print and write the report."""
     stored = RESULTS / "hard_cases.json"
-    data = json.loads(stored.read_text(encoding="utf-8"))["cases"] if chosen and stored.exists() else {}
+    data = {}
     for case in chosen or CASES:
         began = time.perf_counter()
         findings, title = CASES[case](False), (CASES[case].__doc__ or "").strip()
         print(section(title, findings), f"({time.perf_counter() - began:.1f} s)\n", flush=True)
         data[str(case)] = {"title": title, "findings": [asdict(f) | {"verdict": f.verdict} for f in findings]}
+    if chosen and stored.exists():
+        data = json.loads(stored.read_text(encoding="utf-8"))["cases"] | data
     data = {number: data[number] for number in sorted(data, key=int)}
-    found = {
-        entry["title"]: [Finding(**{k: v for k, v in f.items() if k != "verdict"}) for f in entry["findings"]]
-        for entry in data.values()
-    }
+    found = stored_findings(data)
     verdicts = Counter(f.verdict for findings in found.values() for f in findings)
-    summary = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-    parts = [INTRO, f"Verdicts over all variants: {summary}.", *(section(title, findings) for title, findings in found.items())]
+    counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+    parts = [
+        INTRO,
+        f"Verdicts over all variants: {counted}.",
+        summary(found),
+        *(section(title, findings) for title, findings in found.items()),
+    ]
     write_report("hard_cases", "\n\n".join(parts), {"cases": data, "verdicts": dict(verdicts)}, PACKAGES)
-    print(summary)
+    print(counted)
     return 1 if verdicts["WRONG"] else 0
 
 
