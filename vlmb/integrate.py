@@ -51,6 +51,7 @@ class Method:
     adaptive: bool
     purpose: str
     make: Callable[..., Driver] = field(repr=False)
+    stride: float = 1.0  # steps between two looks at what ends a run; those of a multistep method are short
 
 
 def euler(rhs: Rhs, t: float, y: Array, h: float) -> Array:
@@ -293,8 +294,8 @@ METHODS = {
         Method("rk4", 4, False, "fixed steps, known cost", _fixed(rk4)),
         Method("gauss", 4, False, "long runs: energy error stays bounded", _fixed(gauss)),
         Method("dop853", 8, True, "smooth motions at tight tolerances", _one_step(integrate.DOP853)),
-        Method("adams", 12, True, "smooth motions; fewest right-hand sides", _multistep("adams")),
-        Method("bdf", 5, True, "stiff scenes at moderate tolerances", _multistep("bdf")),
+        Method("adams", 12, True, "smooth motions; fewest right-hand sides", _multistep("adams"), 4.0),
+        Method("bdf", 5, True, "stiff scenes at moderate tolerances", _multistep("bdf"), 4.0),
         Method("radau", 5, True, "stiff scenes", _one_step(integrate.Radau)),
     )
 }

@@ -31,7 +31,7 @@ MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
 INSIDE = 1e-12  # relative distance kept from a break of a law
 SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
 LOOKS = 60.0  # [1/s] looks at events and angles; at times of their own, so that the choice of samples changes no motion
-STRIDE, LONGEST = 4.0, 0.1  # where no angle is read: as many steps of a driver between two looks, [s] at most
+LONGEST = 0.1  # [s] between two looks where a driver's steps are longer than 1 / LOOKS and no angle is read
 CLOSEST = 1e-7  # [s] between two looks
 AT_REST, UNSTABLE = 1e-9, 1e-6  # [m/s^2, rad/s^2] accelerations of a balanced start; [1/s^2] growth that counts
 NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
@@ -167,7 +167,7 @@ def _march(
                         return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps
                     if t >= min(look, end) - SAME:
                         room = max(CLOSEST, dynamics.accept(t, y))
-                        look += min(room, 1.0 / LOOKS if dynamics.reads_angles else max(1.0 / LOOKS, min(STRIDE * step, LONGEST)))
+                        look += min(room, 1.0 / LOOKS if dynamics.reads_angles else max(1.0 / LOOKS, min(method.stride * step, LONGEST)))
                 if t in wanted:
                     record(t, y)
                 if progress is not None:
