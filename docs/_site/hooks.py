@@ -28,8 +28,8 @@ FENCE = re.compile(r"^(?P<fence>```+|~~~+).*?^(?P=fence)[ \t]*$", re.M | re.S)
 
 
 def on_config(config: Any) -> None:
-    """Put the benchmarks into the navigation: the pages on them, then every report, by its title."""
-    pages = [name for name in ("benchmarks.md", "hard_cases.md") if (DOCS / name).exists()]
+    """Put the benchmarks into the navigation: pages that have no place in it yet, then every report, by its title."""
+    pages = [name for name in ("benchmarks.md", "hard_cases.md") if (DOCS / name).exists() and f"'{name}'" not in str(config.nav)]
     entries = [{title_of(DOCS / name): name} for name in pages]
     entries += [{title_of(path): f"{REPOSITORY}/{path.relative_to(ROOT).as_posix()}"} for path in REPORTS]
     for section in config.nav:
