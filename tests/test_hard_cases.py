@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from pathlib import Path
@@ -17,7 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 import hard_geometry
 import hard_rows
-from hard_cases import CASES, rows_of
+from common import RESULTS
+from hard_cases import CASES, rows_of, stored_findings, summary
 from hard_finding import PIVOT, Finding, rod, scene
 from two_rods import TwoRods
 
@@ -39,6 +41,14 @@ def named(found: list[Finding], what: str) -> Finding:
 
 def test_there_are_fifteen() -> None:
     assert list(CASES) == list(range(1, 16))
+
+
+def test_the_page_shows_the_stored_results_and_none_is_wrong() -> None:
+    found = stored_findings(json.loads((RESULTS / "hard_cases.json").read_text(encoding="utf-8"))["cases"])
+    assert len(found) == 15
+    assert all(f.verdict != "WRONG" for findings in found.values() for f in findings)
+    page = (RESULTS.parents[1] / "docs" / "hard_cases.md").read_text(encoding="utf-8")
+    assert summary(found) in page
 
 
 def test_a_finding_off_without_a_word_is_wrong() -> None:
