@@ -281,7 +281,8 @@ def bad_input(quick: bool = False) -> list[Finding]:
 
     def report(what: str) -> Finding:
         done = f"{count['named']} named, {count['finite']} run to finite numbers"
-        found = Finding(what, done, float(len(wrong)), "inputs without a word", 0.0, said="; ".join(wrong)[:400])
+        done = "; ".join([done, *wrong])[:400]
+        found = Finding(what, done, float(len(wrong)), "inputs without a word", 0.0)
         wrong.clear()
         count.update(named=0, finite=0)
         return found

@@ -209,7 +209,7 @@ def test_14_a_stable_equilibrium_needs_no_word() -> None:
 @pytest.mark.slow
 def test_15_infinities_nan_and_denormals_in_every_input() -> None:
     found = findings(15)
-    assert all(f.error == 0.0 for f in found), "\n".join(f.said for f in found)
+    assert all(f.error == 0.0 for f in found), "\n".join(f.done for f in found)
     assert int(found[0].done.split()[0]) > 200
 
 
