@@ -119,8 +119,8 @@ def main() -> None:
         "# Export of a minute of motion",
         f"`export_html` of {SECONDS:g} s at {FPS:g} frames a second; wall time, the fastest of {REPEATS}. "
         "A track is the place, the turn or the stretch of one body over time; what stands still has none. The viewer is "
-        "meshcat's script with the shapes. The loss is the largest error of a place, a stretch, or the end of a rod of 1 m at any "
-        "frame: 32-bit numbers.",
+        "meshcat's script with the shapes. The loss is the largest error of a place, a stretch, or the end of a rod of 1 m "
+        "at any frame: 32-bit numbers.",
         table(header, rows),
         f"The limits {'hold' if held else 'DO NOT hold'}.",
     ]

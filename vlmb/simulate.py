@@ -167,7 +167,8 @@ def _march(
                         return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps
                     if t >= min(look, end) - SAME:
                         room = max(CLOSEST, dynamics.accept(t, y))
-                        look += min(room, 1.0 / LOOKS if dynamics.reads_angles else max(1.0 / LOOKS, min(method.stride * step, LONGEST)))
+                        seldom = 0.0 if dynamics.reads_angles else min(method.stride * step, LONGEST)
+                        look += min(room, max(1.0 / LOOKS, seldom))
                 if t in wanted:
                     record(t, y)
                 if progress is not None:
