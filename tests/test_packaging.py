@@ -34,7 +34,8 @@ def commands() -> list[str]:
 
 def call(*words: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a command in a folder, with this checkout of vlmb and without a screen."""
-    known = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "PYTHONWARNINGS": "error", **environment}
+    outer = {name: value for name, value in os.environ.items() if name != "VLMB_VENV"}  # of the tests' own run
+    known = {**outer, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "PYTHONWARNINGS": "error", **environment}
     return subprocess.run(words, cwd=folder, env=known, capture_output=True, text=True, check=False, timeout=300)
 
 
