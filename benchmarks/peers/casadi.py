@@ -1,6 +1,7 @@
-"""CasADi: Lagrange's equations in the paper's angles, C code generated and compiled, CVODES with Adams and functional iteration.
+"""CasADi: Kane's equations in the paper's angles, C code generated and compiled, CVODES with Adams and functional iteration.
 
-Written for a pivot. Two links at most: the generated code grows fast.
+The knife edge is eliminated: the ski's velocities are its speed and its turn. Two links on a pivot at most, one on a ski: the
+generated code grows fast.
 """
 
 from __future__ import annotations
@@ -21,10 +22,8 @@ LINKS = 2
 def prepare(scene: dict[str, Any], duration: float) -> dict[str, tuple[tuple[float, ...], Run]]:
     """Derive, generate and compile; return a run of a tolerance."""
     chain = read_chain(scene)
-    if chain.on_ski:
-        raise UnsupportedError("no rows for a knife edge: its equations would have to be reduced by hand, which is not done here")
-    if len(chain.links) > LINKS:
-        raise UnsupportedError(f"the code generated for more than {LINKS} links takes too long to compile")
+    if len(chain.links) + chain.on_ski > LINKS:
+        raise UnsupportedError(f"set up for {LINKS} links on a pivot or one on a ski: the generated code grows fast")
     state, rate, start, points = derive(chain)
     tips = ca.Function("tips", [state], [points])
     integrators: dict[float, Any] = {}
@@ -32,14 +31,16 @@ def prepare(scene: dict[str, Any], duration: float) -> dict[str, tuple[tuple[flo
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # the compiler writes beside the source
         try:
-            compiled = {"jit": True, "compiler": "shell", "jit_options": {"flags": ["-O2"]}, "jit_cleanup": False}
+            flags = {"flags": ["-O2"], "cleanup": False}
+            compiled = {"jit": True, "compiler": "shell", "jit_options": flags, "jit_cleanup": False}
             function = ca.Function("rhs", [state], [rate], compiled)
+            place = ca.MX.sym("place", state.numel())  # a call with SX would put the expressions back in, uncompiled
             for rtol in SETTINGS:
                 options = {
                     "reltol": rtol, "abstol": 0.1 * rtol, "linear_multistep_method": "adams",
                     "nonlinear_solver_iteration": "functional", "max_num_steps": 1_000_000,
                 }  # fmt: skip
-                problem = {"x": state, "ode": function(state)}
+                problem = {"x": place, "ode": function(place)}
                 integrators[rtol] = ca.integrator("run", "cvodes", problem, 0.0, duration, options)
         finally:
             os.chdir(here)
@@ -53,8 +54,15 @@ def prepare(scene: dict[str, Any], duration: float) -> dict[str, tuple[tuple[flo
 
 
 def derive(chain: Chain) -> tuple[Any, Any, Any, Any]:
-    """Return the state, its rate, the start and the points, from kinetic and potential energy."""
+    """Return the state (q, u), its rate, the start and the points.
+
+    Kane: sum of m A'(A du/dt + B - g) = springs, with A the partial velocities of each mass and B its acceleration at du/dt = 0.
+    """
     names, values, rates = [], [], []
+    if chain.on_ski:
+        names += ["x", "y", "heading"]
+        values += [chain.x, chain.y, chain.phi0]
+        rates += [chain.speed, chain.phi0_dot]
     for i, link in enumerate(chain.links):
         names += [f"phi{i}", f"psi{i}"]
         values += [link.phi, link.psi]
@@ -64,34 +72,35 @@ def derive(chain: Chain) -> tuple[Any, Any, Any, Any]:
                 names.append(f"{which}{i}")
                 values.append(leg.start)
                 rates.append(leg.rate)
-    q, qd = ca.SX.sym("q", len(names)), ca.SX.sym("qd", len(names))
+    q, u = ca.SX.sym("q", len(names)), ca.SX.sym("u", len(rates))
     at = {name: q[k] for k, name in enumerate(names)}
-    place, kinetic, potential, points = ca.SX.zeros(3), 0, 0, []
+    skipped = len(names) - len(rates)  # one on a ski: x and y have one speed
+    q_dot = ca.vertcat(u[0] * ca.cos(at["heading"]), u[0] * ca.sin(at["heading"]), u[1:]) if chain.on_ski else u
     gravity = ca.DM(chain.gravity)
-
-    def point_mass(mass: float, where: Any) -> tuple[Any, Any]:
-        speed = ca.jtimes(where, q, qd)
-        return 0.5 * mass * ca.dot(speed, speed), -mass * ca.dot(gravity, where)
-
-    points.append(place)
+    masses, load = [], ca.SX.zeros(len(rates))  # masses: (mass or inertia, place or direction, pull)
+    place = ca.SX.zeros(3)
+    if chain.on_ski:
+        place = ca.vertcat(at["x"], at["y"], 0)
+        heading = ca.vertcat(ca.cos(at["heading"]), ca.sin(at["heading"]), 0)
+        masses += [(chain.ski_mass, place + chain.com_offset * heading, gravity), (chain.ski_inertia, at["heading"], 0)]
+    points = [place]
     for i, link in enumerate(chain.links):
         phi, psi = at[f"phi{i}"], at[f"psi{i}"]
         d = ca.vertcat(ca.cos(phi) * ca.cos(psi), ca.sin(phi) * ca.cos(psi), ca.sin(psi))
-        turn = ca.jtimes(d, q, qd)
         lower, upper = at.get(f"lower{i}", link.lower.start), at.get(f"upper{i}", link.upper.start)
         tip = place + (lower + link.length + upper) * d
-        for mass, where in ((link.mass, place + (lower + link.com) * d), (link.tip_mass, tip)):
-            if mass:
-                moving, lying = point_mass(mass, where)
-                kinetic, potential = kinetic + moving, potential + lying
-        kinetic += 0.5 * link.inertia * ca.dot(turn, turn)
-        for leg, length in ((link.lower, lower), (link.upper, upper)):
+        masses += [(link.mass, place + (lower + link.com) * d, gravity), (link.tip_mass, tip, gravity), (link.inertia, d, 0)]
+        for name, leg in ((f"lower{i}", link.lower), (f"upper{i}", link.upper)):
             if leg.free:
-                potential += 0.5 * leg.stiffness * (length - leg.rest) ** 2
+                load[names.index(name) - skipped] -= leg.stiffness * (at[name] - leg.rest)
         place = tip
         points.append(place)
-    mass = ca.hessian(kinetic, qd)[0]
-    momentum = ca.gradient(kinetic, qd)
-    force = ca.gradient(kinetic - potential, q) - ca.jtimes(momentum, q, qd)  # M qdd = force
-    rate = ca.vertcat(qd, ca.solve(mass, force))
-    return ca.vertcat(q, qd), rate, ca.DM([*values, *rates]), ca.horzcat(*points).T
+    inertia = ca.SX.zeros(len(rates), len(rates))
+    for mass, where, pull in masses:
+        if mass:
+            velocity = ca.jtimes(where, q, q_dot)
+            partial = ca.jacobian(velocity, u)
+            inertia += mass * partial.T @ partial
+            load += mass * partial.T @ (pull - ca.jtimes(velocity, q, q_dot))
+    rate = ca.vertcat(q_dot, ca.ldl_solve(load, *ca.ldl(inertia)))
+    return ca.vertcat(q, u), rate, ca.DM([*values, *rates]), ca.horzcat(*points).T
