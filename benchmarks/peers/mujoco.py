@@ -19,7 +19,7 @@ def prepare(scene: dict[str, Any], duration: float) -> dict[str, tuple[tuple[flo
     chain = read_chain(scene)
     if chain.on_ski:
         raise UnsupportedError("no nonholonomic constraints, so no knife edge")
-    mujoco.set_mju_user_warning(lambda text: None)  # its warnings of long steps go to a file otherwise; the answer is judged anyway
+    mujoco.set_mju_user_warning(lambda text: None)  # else its warnings of long steps go to a file
     spec, springs = build(chain)
     model = spec.compile()
     data = mujoco.MjData(model)
