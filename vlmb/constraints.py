@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SimulationError
-from vlmb.expressions import Equation, compile_scalar, parse_equation, to_sympy
+from vlmb.expressions import Equation, parse_equation
 from vlmb.frames import LinkFrames
 from vlmb.mechanism import Mechanism
 from vlmb.observables import Motion, Symbols, allowed_names
+from vlmb.symbolic import compile_scalar, to_sympy
 
 Array = NDArray[np.float64]
 

@@ -24,9 +24,9 @@ from vlmb.constraints import RowInfo
 from vlmb.coordinates import Layout, State, read_angles, segment_of
 from vlmb.cuts import LONG_CHAIN, obstacle
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError, nearest
-from vlmb.expressions import Law, time_law
 from vlmb.forces import Actuation, Control, View
 from vlmb.frames import LinkFrames
+from vlmb.laws import Law, time_law
 from vlmb.mechanism import Mechanism
 from vlmb.scene import Run
 from vlmb.springs import apply_springs, direction_springs, free_segments, spring_matrix

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from vlmb.coordinates import POLE, Layout, kinematics, read_angles, read_coordinates, segment_of
 from vlmb.errors import SceneError, SimulationError, SingularError, nearest
-from vlmb.expressions import Law, time_law
 from vlmb.frames import LinkFrames, Vector, between
+from vlmb.laws import Law, time_law
 from vlmb.mechanism import POINTS, Mechanism
 
 Array = NDArray[np.float64]

@@ -16,9 +16,9 @@ from scipy.linalg import lapack
 
 from vlmb.constraints import RowInfo
 from vlmb.errors import SceneError, SingularError, nearest
-from vlmb.expressions import Law, time_law
 from vlmb.forces import Channel, channels, find_channel
 from vlmb.gains import gain_matrices, stability_report
+from vlmb.laws import Law, time_law
 from vlmb.mechanism import Mechanism
 from vlmb.scene import DEFAULT_STEP, FIXED_STEP, Programme, Run
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from vlmb.dynamics import HUGE, Dynamics, prescribed_segments
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.events import Watch
-from vlmb.expressions import law_breaks, law_jump
 from vlmb.forces import Control
 from vlmb.integrate import Driver, Rhs, find_method, short_run
+from vlmb.laws import law_breaks, law_jump
 from vlmb.mechanism import Mechanism, build
 from vlmb.scene import DEFAULT_STEP, Run, Scene, load_scene
 from vlmb.start import Start, consistent_start, limits_of
