@@ -21,7 +21,7 @@ from vlmb.integrate import METHODS
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.scene import Scene, load_scene
 from vlmb.simulate import check, run_options, simulate
-from vlmb.start import Start, consistent_start, ideal_rank
+from vlmb.start import Start, consistent_start
 from vlmb.symbols import counted
 from vlmb.trajectory import Trajectory, load_trajectory
 
@@ -176,7 +176,7 @@ def independent(mechanism: Mechanism, start: Start) -> int:
     """Count independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
     prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in mechanism.layout.links for at in (e.lower, e.upper))
     edge = mechanism.layout.base == "ski"
-    return len(mechanism.layout.names) - prescribed - edge - ideal_rank(mechanism, start.coordinates, start.rates)[0]
+    return len(mechanism.layout.names) - prescribed - edge - start.rank
 
 
 def sum_mass(scene: Scene) -> float:

@@ -34,6 +34,7 @@ class Start(NamedTuple):
     coordinates: dict[str, float]
     rates: dict[str, float]
     repairs: tuple[str, ...]
+    rank: int  # of the ideal constraints, on what may move
 
 
 def consistent_start(mechanism: Mechanism) -> Start:
@@ -65,10 +66,11 @@ def consistent_start(mechanism: Mechanism) -> Start:
     repairs = _meet_positions(mechanism, coordinates, sets)
     repairs += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
     repairs += _meet_rates(mechanism, coordinates, rates, sets)
-    rank, count = ideal_rank(mechanism, coordinates, rates)
+    count = len(mechanism.scene.constraints)
+    rank = max((_rank(mechanism, rows, coordinates, rates) for rows, ideal in sets if ideal), default=0)
     if rank < count:
         repairs.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
-    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs))
+    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs), rank)
 
 
 def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
@@ -95,18 +97,15 @@ def row_sets(mechanism: Mechanism) -> list[tuple[Rows, bool]]:
     return sets
 
 
-def ideal_rank(mechanism: Mechanism, coordinates: dict[str, float], rates: dict[str, float]) -> tuple[int, int]:
-    """Rank of the ideal rows on what may move, knife edge and prescribed lengths taken out; and their number."""
-    rows = next((rows for rows, ideal in row_sets(mechanism) if ideal), None)
-    if rows is None:
-        return 0, 0
+def _rank(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> int:
+    """Rank of rows on what may move: the sideways motion of a ski and prescribed lengths are taken out."""
     jacobian = np.array(row_values(mechanism, rows, coordinates, rates).jacobian)
     jacobian[:, [at.v for at in prescribed_segments(mechanism)]] = 0.0
     if mechanism.layout.base == "ski":
         jacobian[:, SIDEWAYS] = 0.0
     sizes = np.linalg.norm(jacobian, axis=1)
     unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
-    return int(np.linalg.matrix_rank(unit, tol=ALIKE)) if unit.size else 0, rows.count
+    return int(np.linalg.matrix_rank(unit, tol=ALIKE)) if unit.size else 0
 
 
 def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
