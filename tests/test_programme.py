@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ import vlmb
 from vlmb.dynamics import Dynamics
 from vlmb.gains import gain_matrices, largest_stable_step, perturbation_matrix
 from vlmb.programme import ProgrammeControl, cross
+from vlmb.simulate import check
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Table = dict[str, Any]
@@ -568,3 +570,16 @@ def test_an_error_of_the_start_is_reported_and_decays() -> None:
         assert any(text in repair and "off by" in repair for repair in trajectory.repairs)
         z = np.abs(trajectory.residuals[text].position)
         assert z[0] > 0.01 and z[-1] < 1e-4
+
+
+def test_stability_and_controllability_are_told_in_advance() -> None:
+    """The slowest decay is that of the gains, and G has full rank away from its singular posture."""
+    table = skier(ROWS[:2], ["M_phi0", "M_psi1", "F1_1"])
+    notes = check(vlmb.Scene.from_dict(table))[1].repairs
+    dynamics, _ = held(table)
+    slowest = -np.linalg.eigvals(perturbation_matrix(programme_of(dynamics).h, programme_of(dynamics).k, [True, True])).real.max()
+    words = r"programme: errors decay at least as exp\(-([\d.]+) t\).*; G has rank 2 for 2 rows, condition ([\d.]+) at the start"
+    said = re.fullmatch(words, notes[-1])
+    assert said, notes
+    assert float(said[1]) == pytest.approx(slowest, rel=1e-3)
+    assert 1.0 <= float(said[2]) < 1e6

@@ -105,7 +105,7 @@ def run_options(scene: Scene, **changes: Any) -> Run:
 
 
 def check(scene: Scene) -> tuple[Mechanism, Start]:
-    """Do everything that comes before a run; raise what a run would."""
+    """Do everything that comes before a run; raise what a run would. A note tells how a programme is stable and controllable."""
     mechanism = build(scene)
     start = consistent_start(mechanism)
     dynamics = Dynamics(mechanism, scene.run.knife_edge, scene.run.gain)
@@ -113,7 +113,12 @@ def check(scene: Scene) -> tuple[Mechanism, Start]:
     dynamics.rhs(0.0, dynamics.pack(start.state))
     if dynamics.conditioning(start.state.q)[0] > SINGULAR:
         raise dynamics.singular(start.state.q)
-    return mechanism, start
+    programme = dynamics.system.programme
+    if programme is None:
+        return mechanism, start
+    rank, condition = programme.rank(programme.effect)
+    controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
+    return mechanism, start._replace(repairs=(*start.repairs, f"programme: {programme.report}; {controllable}"))
 
 
 def _march(
