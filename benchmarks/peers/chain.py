@@ -118,6 +118,30 @@ def read_chain(scene: dict[str, Any]) -> Chain:
     )  # fmt: skip
 
 
+def two_angles(chain: Chain) -> list[tuple[float, float, float, float]]:
+    """Start (a, b, adot, bdot) of each link for joints of two angles: R_i = R_(i-1) Rz(a) Ry(-b), which may roll.
+
+    A rod without axial inertia does not feel its roll, so the directions move as in the paper.
+    """
+    before, spin = np.eye(3), np.zeros(3)
+    if chain.on_ski:
+        c, s = math.cos(chain.phi0), math.sin(chain.phi0)
+        before, spin = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, 0.0, chain.phi0_dot])
+    found = []
+    for link in chain.links:
+        d = link.direction()[0]
+        x, y, z = before.T @ d
+        x_dot, y_dot, z_dot = before.T @ np.cross(link.omega() - spin, d)
+        across = math.hypot(x, y)
+        a, b = math.atan2(y, x), math.atan2(z, across)
+        a_dot, b_dot = (x * y_dot - y * x_dot) / across**2, z_dot / across
+        found.append((a, b, a_dot, b_dot))
+        ca, sa, cb, sb = math.cos(a), math.sin(a), math.cos(b), math.sin(b)
+        spin = spin + before @ np.array([b_dot * sa, -b_dot * ca, a_dot])
+        before = before @ np.array([[ca * cb, -sa, -ca * sb], [sa * cb, ca, -sa * sb], [sb, 0.0, cb]])
+    return found
+
+
 def _link(link: Link, i: int, start: dict[str, float], hangs: bool) -> ChainLink:
     angles = (start.get(f"phi{i}", 0.0), start.get(f"psi{i}", math.pi / 2), start.get(f"phi{i}_dot", 0.0))
     lower, upper = _leg(link.lower, f"xi{i}_1", start, True), _leg(link.upper, f"xi{i}_2", start, hangs)
