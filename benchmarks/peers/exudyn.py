@@ -1,7 +1,7 @@
 """EXUDYN: a kinematic tree in minimal coordinates, its explicit DOPRI5 with automatic steps.
 
-Two revolute joints and the sliders of each link; springs are the position gains of the joints. No knife edge: its explicit solvers
-take no constraints, and its implicit ones, of second order, are not set up here.
+Two revolute joints and the sliders of each link; springs are the position gains of the joints. No knife edge: its explicit
+solvers take no constraints, and its implicit ones are not set up here.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def prepare(scene: dict[str, Any], duration: float) -> dict[str, tuple[tuple[flo
     """Assemble the tree; return a run of a tolerance."""
     chain = read_chain(scene)
     if chain.on_ski:
-        raise UnsupportedError("its explicit solvers take no constraints, so no knife edge; its implicit ones are not set up here")
+        raise UnsupportedError("its explicit solvers take no constraints, thus no knife edge; implicit ones are not set up here")
     container = exu.SystemContainer()
     system = container.AddSystem()
     node = build(chain, system)
