@@ -131,11 +131,23 @@ def _march(
     timed = bool(dynamics.actuation.channels or dynamics.prescribed)
     wanted = set(times.tolist())
     recorded: list[Sample] = []
+    reference, angles = np.array(dynamics.reference), dynamics.reads_angles
 
     def record(t: float, y: Array) -> None:
-        recorded.append(Sample(t, y.copy(), np.array(dynamics.reference)))
+        recorded.append(Sample(t, y.copy(), np.array(dynamics.reference) if angles else reference))
 
-    t, step, steps, earlier = 0.0, 0.0, 0, 0
+    def ended(since: float, before: Array) -> str | None:
+        """Look back at what came since a look; take an event for the end."""
+        event = watch.between(since, before, t, y)
+        if event is None:
+            return None
+        when, sentence = event
+        while recorded and recorded[-1].t >= when:
+            recorded.pop()
+        record(when, watch.state_at(since, before, when))
+        return f"stopped at t = {when:.6g} s: {sentence}."
+
+    t, step, steps, earlier, seen = 0.0, 0.0, 0, 0, (0.0, y)
     size = run.step or DEFAULT_STEP
     last = float(times[-1])
     if 0.0 in wanted:
@@ -150,7 +162,7 @@ def _march(
             look = t + min(1.0 / LOOKS, room)
             for target in [*times[(times > t) & (times < end)].tolist(), end]:
                 while t < target:
-                    before, stop = (t, y), look if look < target - SAME else target
+                    stop = look if look < target - SAME else target
                     if method.adaptive and room < 2.0 * step:  # a step could pass over the swing of an azimuth
                         driver = None
                         y = short_run(rhs, t, y, stop, run.rtol, run.atol)
@@ -164,21 +176,20 @@ def _march(
                     t = stop
                     if not y.dot(y) < HUGE:
                         raise SimulationError("the state is no longer finite")
-                    event = watch.between(*before, t, y)
-                    if event is not None:
-                        when, sentence = event
-                        if not recorded or when > recorded[-1].t:
-                            record(when, watch.state_at(*before, when))
-                        return recorded, "stopped", f"stopped at t = {when:.6g} s: {sentence}.", steps
                     if t >= min(look, end) - SAME:
-                        room = max(CLOSEST, dynamics.accept(t, y))
-                        seldom = 0.0 if dynamics.reads_angles else min(method.stride * step, LONGEST)
-                        look += min(room, max(1.0 / LOOKS, seldom))
+                        sentence = ended(*seen)
+                        if sentence is not None:
+                            return recorded, "stopped", sentence, steps
+                        seen, room = (t, y), max(CLOSEST, dynamics.accept(t, y))
+                        look += min(room, max(1.0 / LOOKS, 0.0 if angles else min(method.stride * step, LONGEST)))
                 if t in wanted:
                     record(t, y)
                 if progress is not None:
                     progress(t)
     except VlmbError as error:
+        sentence = ended(*seen) if t > seen[0] else None
+        if sentence is not None:
+            return recorded, "stopped", sentence, steps
         if not recorded:
             record(t, y)
         why = "" if isinstance(error, SingularError) else _why(dynamics, y)
