@@ -317,7 +317,8 @@ def test_laws_of_parameters() -> None:
 
 def test_values_of_laws_do_not_import_sympy() -> None:
     code = (
-        "import sys; from vlmb.expressions import *; from vlmb.laws import *; assert time_law('A*k', {'A': 1, 'k': 2}, '').jet(1.0) == (2, 0, 0);"
+        "import sys; from vlmb.expressions import *; from vlmb.laws import *;"
+        " assert time_law('A*k', {'A': 1, 'k': 2}, '').jet(1.0) == (2, 0, 0);"
         "law = time_law('sin(3*t) + abs(t)', {}, ''); law.value(1.0); law_breaks(law, -1.0, 1.0);"
         "evaluate(parse_equation('tan(phi0) = k').left, {'phi0': 1.0}); assert 'sympy' not in sys.modules"
     )
