@@ -68,7 +68,7 @@ def main() -> None:
     found = {name: one_scene(name, PEERS, methods=["adams"], repeats=5, budget=0.6)[1] for name in SCENES}
     text = report(found)
     print(text)
-    save_figure("engines", lambda figure: draw(figure, found), 11.0, 3.8)
+    save_figure("engines", lambda figure: draw(figure, found), 11.0, 4.2)
     write_report("engines", text, found, ("pin", "numpy", "scipy", "mujoco", "casadi", "sympy", "drake", "exudyn"))
 
 
