@@ -19,7 +19,7 @@ import vlmb
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 HEAVY = ("sympy", "mpmath", "matplotlib", "meshcat", "tqdm")
-SCRIPTS = ("scripts/demo", "scripts/test", ".ci/run")
+SCRIPTS = ("scripts/demo", "scripts/test", "scripts/gallery", "scripts/reproduce_figures", ".ci/run")
 
 
 def blocks(language: str) -> list[str]:
