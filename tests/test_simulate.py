@@ -942,3 +942,13 @@ def test_what_is_no_scene_is_refused(wrong: object) -> None:
             call(wrong)
     with pytest.raises(vlmb.SceneError, match="must be a function"):
         vlmb.simulate(scene(PIVOT, [link("a")]), control=3)
+
+
+@pytest.mark.parametrize("knife_edge", ["reduction", "multiplier", "projection"])
+@pytest.mark.parametrize(("method", "step"), [("euler", 0.5), ("rk4", 0.5), ("gauss", 0.25)])
+def test_steps_far_too_long_end_with_a_sentence(method: str, step: float, knife_edge: str) -> None:
+    """Also where the look for an event fails on the way that failed."""
+    stiff = Path(__file__).resolve().parents[1] / "models" / "stiff_skier.toml"
+    run = vlmb.simulate(stiff, 1.0, method, knife_edge=knife_edge, step=step, gain=1.0, t_eval=np.linspace(0.0, 1.0, 61))
+    assert run.status in ("stopped", "failed") and run.message
+    assert (np.diff(run.t) > 0.0).all() and np.isfinite(run.q).all() and np.isfinite(run.v).all()

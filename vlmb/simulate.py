@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 import warnings
@@ -134,6 +135,8 @@ def _march(
     reference, angles = np.array(dynamics.reference), dynamics.reads_angles
 
     def record(t: float, y: Array) -> None:
+        if dynamics.knife_edge == "projection":
+            dynamics.unpack(t, y)  # a sample without a projection is none
         recorded.append(Sample(t, y.copy(), np.array(dynamics.reference) if angles else reference))
 
     def ended(since: float, before: Array) -> str | None:
@@ -142,9 +145,10 @@ def _march(
         if event is None:
             return None
         when, sentence = event
+        state = watch.state_at(since, before, when)
         while recorded and recorded[-1].t >= when:
             recorded.pop()
-        record(when, watch.state_at(since, before, when))
+        record(when, state)
         return f"stopped at t = {when:.6g} s: {sentence}."
 
     t, step, steps, earlier, seen = 0.0, 0.0, 0, 0, (0.0, y)
@@ -187,9 +191,10 @@ def _march(
                 if progress is not None:
                     progress(t)
     except VlmbError as error:
-        sentence = ended(*seen) if t > seen[0] else None
-        if sentence is not None:
-            return recorded, "stopped", sentence, steps
+        with contextlib.suppress(VlmbError):
+            sentence = ended(*seen)  # an event before what failed
+            if sentence is not None:
+                return recorded, "stopped", sentence, steps
         if not recorded:
             record(t, y)
         why = "" if isinstance(error, SingularError) else _why(dynamics, y)
