@@ -11,6 +11,11 @@ LONG_CHAIN = 24  # longer chains are cut, where they can be: less time, memory a
 LONGEST = 40  # links in a piece where no hinge before it can be cut
 
 
+def is_cut(scene: Scene) -> bool:
+    """Whether a scene is a chain so long that it runs as sub-chains, if nothing else keeps it from that."""
+    return len(scene.links) > LONG_CHAIN and obstacle(scene) is None
+
+
 def obstacle(scene: Scene) -> str | None:
     """Say what keeps a scene from being cut into sub-chains; None where nothing does."""
     chained = all(

@@ -22,7 +22,7 @@ from scipy.linalg import blas, lapack
 from vlmb.constrained import SIDEWAYS, ConstrainedSystem
 from vlmb.constraints import RowInfo
 from vlmb.coordinates import Layout, State, read_angles, segment_of
-from vlmb.cuts import LONG_CHAIN, obstacle
+from vlmb.cuts import is_cut
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError, nearest
 from vlmb.forces import Actuation, Control, View
 from vlmb.frames import LinkFrames
@@ -115,8 +115,7 @@ class Dynamics:
         if route is None:
             fewest = {"none": 0, "reduction": RECURSIVE_ON_SKI}.get(self.knife_edge, RECURSIVE_LINKS + 1)
             light = springs_alone and fewest <= len(layout.links) <= RECURSIVE_LINKS
-            free = control is None and self.knife_edge in ("none", "reduction") and obstacle(mechanism.scene) is None
-            long = free and len(layout.links) > LONG_CHAIN
+            long = control is None and self.knife_edge in ("none", "reduction") and is_cut(mechanism.scene)
             route = "subchains" if long else "recursive" if light else "dense"
         if route == "recursive" and not (springs_alone and self.knife_edge in ("none", "reduction")):
             raise SceneError("the recursive route serves undamped springs and the reduced knife edge only; use 'dense'")

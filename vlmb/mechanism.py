@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from vlmb import coordinates as chart
 from vlmb.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
-from vlmb.cuts import LONG_CHAIN, obstacle
+from vlmb.cuts import is_cut
 from vlmb.display import Displayed
 from vlmb.errors import SceneError, VlmbError
 from vlmb.expressions import evaluate, parse
@@ -96,7 +96,7 @@ def build(scene: Scene) -> Mechanism:
     if not isinstance(scene, Scene):
         raise SceneError(f"{scene!r:.80}: must be a Scene, from load_scene or Scene.from_dict")
     builder = _Builder(scene)
-    if scene.base.kind == "ski" or len(scene.links) <= LONG_CHAIN or obstacle(scene) is not None:
+    if scene.base.kind == "ski" or not is_cut(scene):
         _refuse_what_does_not_fit(builder.model.nv)
     return Mechanism(scene, builder.model, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings))
 

@@ -21,17 +21,15 @@ FADE = 0.02  # [rad] angle below which a damper between directions fades
 HEADING = "heading"  # the base's horizontal direction in `between`; "base" is the surface normal
 
 
-def spring_matrix(mechanism: Mechanism) -> tuple[Array, Array, bool]:
-    """Return S (nv, nq + nv) and s (nv,) with tau = S (q, v) + s for F = -k (xi - rest) - c xidot; and whether c > 0 occurs."""
+def spring_matrix(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return S (nv, nq + nv) and s (nv,) with tau = S (q, v) + s for F = -k (xi - rest) - c xidot."""
     layout = mechanism.layout
     matrix, preload = np.zeros((layout.nv, layout.nq + layout.nv)), np.zeros(layout.nv)
-    damped = False
     for segment, at in free_segments(mechanism):
         matrix[at.v, at.q] = -segment.stiffness
         matrix[at.v, layout.nq + at.v] = -segment.damping
         preload[at.v] = segment.stiffness * rest_length(segment)
-        damped = damped or segment.damping > 0.0
-    return matrix, preload, damped
+    return matrix, preload
 
 
 def spring_energy(mechanism: Mechanism, q: Array) -> Array:

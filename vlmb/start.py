@@ -62,7 +62,7 @@ def consistent_start(mechanism: Mechanism) -> Start:
         coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
     _refuse_outside_limits(mechanism, coordinates)
     sets = row_sets(mechanism)
-    _share_azimuths(mechanism, coordinates)
+    _share_azimuths(mechanism, coordinates, sets)
     repairs = _meet_positions(mechanism, coordinates, sets)
     repairs += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
     repairs += _meet_rates(mechanism, coordinates, rates, sets)
@@ -73,15 +73,18 @@ def consistent_start(mechanism: Mechanism) -> Start:
     return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs), rank)
 
 
-def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
+def _equated_azimuths(sets: list[tuple[Rows, bool]]) -> list[tuple[str, str]]:
+    """Pairs of azimuths that ideal rows such as `phi1 = phi0` equate."""
+    return [row.azimuths for rows, ideal in sets if ideal for row in rows.info if row.azimuths]
+
+
+def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
     """Give an unset azimuth the value of the one an ideal row equates it with: at the pole the row alone cannot."""
     given = mechanism.scene.start
-    for text in mechanism.scene.constraints:
-        pair = [side.strip() for side in text.split("=")]
-        if len(pair) == 2 and all(name.startswith("phi") and name in coordinates for name in pair):
-            for name, other in (pair, reversed(pair)):
-                if name not in given and other in given:
-                    coordinates[name] = coordinates[other]
+    for pair in _equated_azimuths(sets):
+        for name, other in (pair, pair[::-1]):
+            if name not in given and other in given:
+                coordinates[name] = coordinates[other]
 
 
 def row_sets(mechanism: Mechanism) -> list[tuple[Rows, bool]]:
@@ -115,15 +118,13 @@ def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], 
     return rows.evaluate(0.0, q, v, [coordinates[name] for name in mechanism.layout.names])
 
 
-def _bring_azimuths_near(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
+def _bring_azimuths_near(coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
     """Move azimuths that an ideal row equates halfway to each other, where a search from so far apart may end elsewhere."""
-    for text in mechanism.scene.constraints:
-        pair = [side.strip() for side in text.split("=")]
-        if len(pair) == 2 and all(name.startswith("phi") and name in coordinates for name in pair):
-            gap = math.remainder(coordinates[pair[0]] - coordinates[pair[1]], math.tau)
-            if abs(gap) > FAR:
-                coordinates[pair[0]] -= 0.5 * gap
-                coordinates[pair[1]] += 0.5 * gap
+    for first, second in _equated_azimuths(sets):
+        gap = math.remainder(coordinates[first] - coordinates[second], math.tau)
+        if abs(gap) > FAR:
+            coordinates[first] -= 0.5 * gap
+            coordinates[second] += 0.5 * gap
 
 
 def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> list[str]:
@@ -134,7 +135,7 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
     names = [name for name in mechanism.layout.names if name not in followed]
     unset = [name for name in names if name not in mechanism.scene.start]
     before = dict(coordinates)
-    _bring_azimuths_near(mechanism, coordinates)
+    _bring_azimuths_near(coordinates, sets)
 
     def residual(chosen: list[tuple[Rows, bool]]) -> Array:
         parts = [row_values(mechanism, rows, coordinates, {}).z[rows.holonomic] for rows, _ in chosen]

@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from vlmb.constrained import SIDEWAYS
 from vlmb.coordinates import kinematics
 from vlmb.cuts import PIECE, cuts, obstacle, part
 from vlmb.errors import SceneError, SingularError
@@ -23,9 +24,6 @@ from vlmb.mechanism import Mechanism, build
 from vlmb.springs import free_segments, rest_length
 
 Array = NDArray[np.float64]
-
-SIDEWAYS = 1  # index of the ski's sideways velocity in v
-
 
 class _Piece:
     """One sub-chain: its model, its buffers, and live views of what it hands on to the next."""

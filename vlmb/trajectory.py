@@ -183,17 +183,18 @@ class Trajectory(Displayed):
 
     def hinge_force(self, link: str) -> Array:
         """Force (N, 3) [N] of the parent on a link at its hinge, surface frame."""
-        names = [entry.name for entry in self.mechanism.layout.links]
-        if link not in names:
-            raise TrajectoryError(f"no link {link!r}; {nearest(link, names)}")
-        return self._evaluations["hinges"][:, names.index(link)]
+        return self._at_hinge("hinges", link)
 
     def hinge_torque(self, link: str) -> Array:
         """Torque (N, 3) [N m] of the parent on a link at its hinge, surface frame, as if every control acted from the parent."""
+        return self._at_hinge("hinge_torques", link)
+
+    def _at_hinge(self, what: str, link: str) -> Array:
         names = [entry.name for entry in self.mechanism.layout.links]
         if link not in names:
             raise TrajectoryError(f"no link {link!r}; {nearest(link, names)}")
-        return self._evaluations["hinge_torques"][:, names.index(link)]
+        found: Array = self._evaluations[what][:, names.index(link)]
+        return found
 
     @property
     def conditions(self) -> Array:
