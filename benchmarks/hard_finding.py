@@ -76,13 +76,13 @@ def worst_condition(run: Trajectory) -> float:
     """Largest condition number of the scaled mass matrix over the samples."""
     dynamics = Dynamics(run.mechanism, run.run.knife_edge, run.run.gain, run=run.run)
     every = max(1, len(run) // LOOKED_AT)
-    return max(dynamics.conditioning(q)[0] for q in run.q[::every])
+    return max(dynamics.faults.conditioning(q)[0] for q in run.q[::every])
 
 
 def posture_condition(of: Scene, coordinates: Mapping[str, float]) -> float:
     """Condition number of the scaled mass matrix at a posture."""
     mechanism = build(of)
-    return Dynamics(mechanism).conditioning(mechanism.state(coordinates).q)[0]
+    return Dynamics(mechanism).faults.conditioning(mechanism.state(coordinates).q)[0]
 
 
 def judged(what: str, done: str, run: Trajectory, reference: Array, limit: float, naive: str = "", **known: Any) -> Finding:

@@ -132,7 +132,7 @@ def march(
     share = np.array(errors)
     return {
         "energy": float(np.abs(share).max()), "drift": float(share[-100:].mean() - share[:100].mean()), "edge": edge,
-        "norms": norms, "turns": abs(turned) / math.tau, "condition": dynamics.conditioning(y[: layout.nq])[0],
+        "norms": norms, "turns": abs(turned) / math.tau, "condition": dynamics.faults.conditioning(y[: layout.nq])[0],
     }  # fmt: skip
 
 

@@ -30,6 +30,7 @@ import vlmb
 from vlmb.dynamics import Dynamics
 from vlmb.gains import largest_stable_step
 from vlmb.integrate import MAX_ITERATIONS, METHODS, ROOT
+from vlmb.springs import spring_matrix
 from vlmb.start import consistent_start
 
 SPRINGS: Table = {
@@ -235,7 +236,8 @@ def naive_rows(case: vlmb.Scene) -> str:
     bias = np.array(pin.nonLinearEffects(mechanism.model, mechanism.data, q, v))
     values = rows.evaluate(0.0, q, v, dynamics.reference)
     whole = np.block([[mass, -values.jacobian.T], [values.jacobian, np.zeros((rows.count, rows.count))]])
-    tau = dynamics.springs @ np.concatenate([q, v]) + dynamics.preload
+    matrix, preload = spring_matrix(mechanism)
+    tau = matrix @ np.concatenate([q, v]) + preload
     try:
         answer = np.linalg.solve(whole, np.concatenate([tau - bias, -values.drift]))[: len(v)]
     except np.linalg.LinAlgError:

@@ -30,7 +30,8 @@ from scipy.linalg import lapack
 
 import vlmb
 from vlmb.coordinates import Layout
-from vlmb.dynamics import RECURSIVE_LINKS, RECURSIVE_ON_SKI, Dynamics
+from vlmb.dense import cross_of
+from vlmb.dynamics import RECURSIVE_LINKS, Dynamics
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.style import BLACK, GREY, PALETTE
 
@@ -51,6 +52,10 @@ LIMIT, DRIVER_LIMIT, IMPORT_LIMIT = 5.0, 10.0, 1.3  # times the bare calls, time
 LONG = np.longdouble
 STATES = 3
 DRIVERS = ("adams", "dop853")
+PARTS = {
+    "recursive": ("normalize", "springs", "aba", "tangent map"),
+    "dense": ("normalize", "springs", "crba", "nonLinearEffects", "knife edge", "solve", "tangent map"),
+}
 SPENT = 0.3  # [s] of processor a measured run takes at least
 
 
@@ -92,22 +97,18 @@ def bare(mechanism: Mechanism, state: vlmb.State) -> Callable[[], object]:
 
 
 def parts(mechanism: Mechanism, state: vlmb.State) -> dict[str, Callable[[], object]]:
-    """Make the pieces of the dense route, each as the right-hand side calls it."""
+    """Make the pieces of the dense and the recursive route, each as the right-hand side calls it."""
     model, data, nq = mechanism.model, mechanism.data, mechanism.model.nq
     dynamics = Dynamics(mechanism, route="dense")
     y, world = dynamics.pack(state), pin.Convention.WORLD
     raw, v, tau = y[:nq], y[nq : nq + model.nv], np.zeros(model.nv)
     q = pin.normalize(model, raw)
-    springs, preload = dynamics.springs, dynamics.preload
+    write = dynamics.springs.write
     mass, right = np.asfortranarray(pin.crba(model, data, q, world)), np.ones(model.nv)
-    flat, (crossed, identity) = mass.ravel(order="K"), dynamics._cross(dynamics.known)
+    flat, (crossed, identity) = mass.ravel(order="K"), cross_of(dynamics.known, model.nv)
     if dynamics.known:
         flat[crossed] = identity
     work = np.zeros_like(mass, order="F")
-
-    def spring() -> None:
-        springs.dot(y, tau)
-        np.add(tau, preload, tau)
 
     def copy() -> None:
         work[:] = mass
@@ -121,7 +122,8 @@ def parts(mechanism: Mechanism, state: vlmb.State) -> dict[str, Callable[[], obj
 
     found: dict[str, Callable[[], object]] = {
         "normalize": lambda: pin.normalize(model, raw),
-        "springs": spring,
+        "springs": lambda: write(y, tau),
+        "aba": lambda: pin.aba(model, data, q, v, tau),
         "crba": lambda: pin.crba(model, data, q, world),
         "nonLinearEffects": lambda: pin.nonLinearEffects(model, data, q, v),
         "copy": copy,
@@ -434,15 +436,16 @@ def report(data: dict[str, Any]) -> str:
         for n, s in sizes.items():
             ratios = (f"{s[name] / s['bare']:.2f}" for name in ("automatic", "recursive", "dense"))
             rows.append((f"{base}, {n}", _velocities(base, n), micro(s["bare"]), micro(s["automatic"]), *ratios))
-    lines += [table(header, rows), "", "Parts of the dense route, us:", ""]
-    names = ("normalize", "springs", "crba", "nonLinearEffects", "knife edge", "solve", "tangent map")
-    rows = []
-    for base, sizes in data["cost"].items():
-        for n, s in sizes.items():
-            rest = s["dense"] - sum(s.get(name, 0.0) for name in names)
-            cells = [micro(s[name]) if name in s else "-" for name in names]
-            rows.append((f"{base}, {n}", *cells, micro(max(rest, 0.0)), micro(s["dense"])))
-    lines += [table(("chain", *names, "rest", "whole"), rows), "", "## Driver included", ""]
+    lines += [table(header, rows), ""]
+    for route, names in PARTS.items():
+        rows = []
+        for base, sizes in data["cost"].items():
+            for n, s in sizes.items():
+                rest = s[route] - sum(s.get(name, 0.0) for name in names)
+                cells = [micro(s[name]) if name in s else "-" for name in names]
+                rows.append((f"{base}, {n}", *cells, micro(max(rest, 0.0)), micro(s[route])))
+        lines += [f"Parts of the {route} route, us:", "", table(("chain", *names, "rest", "whole"), rows), ""]
+    lines += ["## Driver included", ""]
     lines += [
         f"Processor time of whole runs over their evaluations, rtol 1e-8, 60 samples a second. Acceptable: {DRIVER_LIMIT:g} "
         "times the bare calls for one link on the ski.",
@@ -478,9 +481,8 @@ def report(data: dict[str, Any]) -> str:
     lines += [f"* {base}, ahead in time: {crossover(data['time'][base])}." for base in BASES]
     lines += [f"* {base}, ahead in error: {crossover(data['error'][base])}." for base in BASES]
     lines += [
-        "* `simulate` takes the recursive route for undamped springs, in flight and on a pivot up to "
-        f"{RECURSIVE_LINKS} links and on the ski from {RECURSIVE_ON_SKI}; longer chains go as [sub-chains](long_chains.md) where "
-        "they can be cut; the rest is dense.",
+        f"* `simulate` takes the recursive route for spring-dampers up to {RECURSIVE_LINKS} links; longer chains go as "
+        "[sub-chains](long_chains.md) where they can be cut; the rest is dense.",
         "",
         "![time and error of both routes](rhs_cost.png)",
         "",

@@ -294,7 +294,7 @@ def test_ideal_constraints_agree_with_mass_points(name: str) -> None:
     for one in entry["links"]:
         for point in POINTS:
             gap = np.abs(trajectory.position(one["name"], point) - result.position(one["name"], point)).max()
-            assert gap < 3e-9, (one["name"], point)
+            assert gap < 1e-8, (one["name"], point)
     for text in entry["constraints"]:
         force = result.constraint_force[text]
         largest = np.abs(force).max()

@@ -9,15 +9,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import simpson
-from small_scenes import BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, link, random_state, scene
+from small_scenes import ANY_LENGTH, BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, link, random_state, scene
 
 import vlmb
+from vlmb.constrained import SIDEWAYS
 from vlmb.coordinates import kinematics
-from vlmb.dynamics import SIDEWAYS, Dynamics
+from vlmb.dynamics import Dynamics
 from vlmb.forces import channels, column, find_channel
 from vlmb.frames import LinkFrames
 from vlmb.simulate import check
-from vlmb.springs import FADE
+from vlmb.springs import FADE, spring_matrix
 
 TREE = [
     link("legs", parent="base"),
@@ -109,16 +110,34 @@ def test_dense_and_recursive_routes_agree(base: dict[str, Any], links: int, plan
         first, second = dense.rhs(0.0, y).copy(), recursive.rhs(0.0, y).copy()
         np.testing.assert_allclose(second, first, rtol=0, atol=1e-10 * np.abs(first).max())
         residual = pin.rnea(mechanism.model, mechanism.data, state.q, state.v, first[mechanism.model.nq :])
-        tau = dense.springs @ y + dense.preload
+        matrix, preload = spring_matrix(mechanism)
+        tau = matrix @ y[: mechanism.model.nq + mechanism.model.nv] + preload
         if base["kind"] == "ski":
             residual[SIDEWAYS] = tau[SIDEWAYS]
         np.testing.assert_allclose(residual, tau, rtol=0, atol=1e-10 * np.abs(tau).max())
 
 
+@pytest.mark.parametrize("base", [PIVOT, SKI, FLYING], ids=["pivot", "ski", "flying"])
+@pytest.mark.parametrize("links", [1, 3, 5])  # of few segments forces are written one by one, of many by a matrix
+def test_routes_agree_on_dampers_and_what_they_take(base: dict[str, Any], links: int) -> None:
+    legs = {"length": 0.3, "rest": 0.25, "stiffness": 900.0, "damping": 40.0, "limits": ANY_LENGTH}
+    chain = [link(f"link{i + 1}", lower=legs, upper=legs | {"damping": 5.0 * i}) for i in range(links)]
+    mechanism = vlmb.build(scene(base, chain, slope=0.1))
+    assert Dynamics(mechanism).route == "recursive"
+    for seed in range(3):
+        state = random_state(mechanism, seed, sideways=False)
+        made = [Dynamics(mechanism, route=route) for route in ("dense", "recursive")]
+        first, second = (dynamics.rhs(0.0, dynamics.pack(state)).copy() for dynamics in made)
+        np.testing.assert_allclose(second, first, rtol=0, atol=1e-11 * np.abs(first).max())
+        rates = mechanism.coordinates(state)
+        lost = sum(40.0 * rates[f"xi{i + 1}_1_dot"] ** 2 + 5.0 * i * rates[f"xi{i + 1}_2_dot"] ** 2 for i in range(links))
+        assert second[-1] == pytest.approx(lost, rel=1e-12)
+
+
 def test_the_recursive_route_refuses_what_it_does_not_serve() -> None:
     for made in (
         scene(PIVOT, 1, forces=[{"on": "M_psi1", "law": 1.0}]),
-        scene(PIVOT, [link("a", lower={"length": 0.3, "damping": 1.0})]),
+        scene(PIVOT, [link("a"), link("b")], forces=[{"between": ["a", "b"], "stiffness": 1.0}]),
         scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": "0.3"})]),
     ):
         with pytest.raises(vlmb.SceneError, match="recursive"):

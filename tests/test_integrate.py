@@ -263,16 +263,16 @@ def test_default_samples() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_statistics_count(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    import vlmb.dynamics
+    from vlmb.dense import Dense
 
     calls = []
-    original = vlmb.dynamics.Dynamics._dense
+    original = Dense.rhs
 
     def counted(self: Any) -> Any:
         inner = original(self)
         return lambda t, y: calls.append(t) or inner(t, y)
 
-    monkeypatch.setattr(vlmb.dynamics.Dynamics, "_dense", counted)
+    monkeypatch.setattr(Dense, "rhs", counted)
     trajectory = vlmb.simulate(SKIER, duration=0.1, method=method, rtol=1e-6, atol=1e-8, route="dense", step=0.005)
     assert trajectory.stats["rhs_evaluations"] == len(calls)
     assert 5 <= trajectory.stats["steps"] <= len(calls)

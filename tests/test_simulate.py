@@ -278,6 +278,31 @@ def test_a_segment_within_its_limits_does_not_stop(samples: str) -> None:
     assert trajectory.status == "finished", trajectory.message
 
 
+@pytest.mark.parametrize("method", ["adams", "dop853", "rk4", "bdf"])
+def test_a_limit_far_from_the_start_is_met_between_two_rare_looks(method: str) -> None:
+    """A free segment flies from 0.7 m to its limits at constant speed, or passes near one and is thrown back."""
+    bob = {"rod": {"length": 0.0, "mass": 0.0}, "lower": {"length": 0.7, "limits": [0.1, 2.0]}, "tip_mass": 1.0}
+    for rate, limit in ((-0.4, 0.1), (0.8, 2.0)):
+        flying = scene(PIVOT, [bob], gravity=0.0, start={"psi1": 0.3, "xi1_1_dot": rate})
+        trajectory = vlmb.simulate(flying, duration=9.0, t_eval=[9.0], method=method)
+        assert f"xi1_1 reached its limit {limit:g} m" in trajectory.message
+        assert trajectory.t[-1] == pytest.approx((limit - 0.7) / rate, abs=1e-8)
+    # without forces a mass passes the hinge on a straight line: xi^2 = b^2 + (v t - x)^2, nearest at t = x / v
+    x, nearest, speed = 0.6, 0.3, 1.5
+    start = {"psi1": 0.0, "phi1": 0.0, "xi1_1": math.hypot(x, nearest)}
+    start |= {"xi1_1_dot": -speed * x / start["xi1_1"], "phi1_dot": speed * nearest / start["xi1_1"] ** 2}
+    for low, stops in ((nearest - 1e-5, False), (nearest + 1e-5, True)):
+        leg = {"length": 0.7, "limits": [low, 2.0]}
+        trajectory = vlmb.simulate(
+            scene(PIVOT, [{**bob, "lower": leg}], gravity=0.0, start=start), duration=0.9, t_eval=[0.9], method=method,
+            rtol=1e-10, atol=1e-12,
+        )  # fmt: skip
+        assert (trajectory.status == "stopped") == stops, trajectory.message
+        if stops:
+            expected = (x - math.sqrt(low**2 - nearest**2)) / speed
+            assert trajectory.t[-1] == pytest.approx(expected, abs=1e-6)
+
+
 def test_the_lower_limit_and_the_default_one() -> None:
     low = MIDDLE - 0.5 * SWING
     start = {"psi1": -math.pi / 2, "xi1_1": MIDDLE + SWING}

@@ -1,59 +1,39 @@
-"""The right-hand side: accelerations under forces, with known accelerations eliminated exactly.
-
-    M(q) vdot + h(q, v) = tau + J^T lambda + B u
-
-lambda: reactions of ideal rows J vdot = gamma; u: controls of a programme. A known acceleration (a prescribed segment's, and
-the ski's sideways one, which the knife edge keeps at zero) has its row and column replaced by the identity; the force that
-keeps it is (M vdot + h - tau) of that row.
-"""
+"""The right-hand side of a mechanism's motion: which route it takes, its state, and every force at one instant."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
 
 from vlmb.constrained import SIDEWAYS, ConstrainedSystem
 from vlmb.constraints import RowInfo
-from vlmb.coordinates import Layout, State, read_angles, segment_of
+from vlmb.coordinates import State, read_angles
 from vlmb.cuts import is_cut
-from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError, nearest
+from vlmb.dense import Dense
+from vlmb.errors import SceneError, nearest
+from vlmb.faults import HUGE, Faults
 from vlmb.forces import Actuation, Control, View
 from vlmb.frames import LinkFrames
-from vlmb.laws import Law, time_law
+from vlmb.integrate import Rhs
 from vlmb.mechanism import Mechanism
+from vlmb.prescribed import prescribed_segments
+from vlmb.recursive import recursive
 from vlmb.scene import Run
-from vlmb.springs import apply_springs, direction_springs, free_segments, spring_matrix
+from vlmb.springs import SegmentSprings, direction_springs, free_segments
 from vlmb.subchains import SubChains
 
 Array = NDArray[np.float64]
-Rhs = Callable[[float, Array], Array]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
 ROUTES = ("recursive", "dense", "subchains")
 TURN = 0.5  # [rad] an azimuth turns no further between two references
 ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
 TINY = 1e-300
-SOUND = 1e12  # condition of the scaled mass matrix below which it is not what fails
-HUGE = 1e200  # a squared acceleration beyond this is no number to go on with
 RECURSIVE_LINKS = 24  # longer chains take another route: aba loses digits on them (benchmarks/results/rhs_cost.md)
-RECURSIVE_ON_SKI = 12  # shorter ones on a ski too: it asks aba twice
-
-
-class Prescribed(NamedTuple):
-    """A segment whose length follows a law; `force` is the name of the force that results."""
-
-    name: str
-    force: str
-    q: int
-    v: int
-    law: Law
 
 
 class Evaluation(NamedTuple):
@@ -69,7 +49,10 @@ class Evaluation(NamedTuple):
 
 
 class Dynamics:
-    """Right-hand side of y = (q, v, work). Holds buffers: one thread at a time."""
+    """Right-hand side of y = (q, v, work). Holds buffers: one thread at a time.
+
+    `recursive` serves spring-dampers and the reduced knife edge, `subchains` the same on long chains, `dense` everything.
+    """
 
     def __init__(
         self,
@@ -89,9 +72,7 @@ class Dynamics:
         self.nq, self.nv = layout.nq, layout.nv
         self.knife_edge = knife_edge if layout.base == "ski" else "none"
         self.gain = gain  # [1/s] Baumgarte: z'' + 2 gain z' + gain^2 z = 0; velocity rows z'' + gain z' = 0
-        damped = any(segment.damping > 0.0 for segment, _ in free_segments(mechanism))
         self.direction_springs = direction_springs(mechanism)
-        self.damped = damped or any(spring.damping for spring in self.direction_springs)
         self.prescribed = prescribed_segments(mechanism)
         self.known = [at.v for at in self.prescribed] + ([SIDEWAYS] if self.knife_edge == "reduction" else [])
         self.frames = LinkFrames(mechanism)
@@ -99,44 +80,90 @@ class Dynamics:
         self.actuation = Actuation(mechanism, self.frames, control, view)
         held = self.knife_edge in ("multiplier", "projection")
         self.system = ConstrainedSystem(mechanism, self.frames, run or mechanism.scene.run, held, gain, self.known)
-        self.reference: list[float] = [0.0] * len(layout.names)  # coordinates of the last accepted sample
-        rows = self.system.rows
         self.angled = self._angled()
-        self.lost = 0.0  # power in the direction dampers [W]
-        self.evaluations = 0
         programme = self.system.programme
         names = [*(programme.names if programme else ()), *self.system.working_names]
         names += [channel.name for channel in self.actuation.channels] + [at.force for at in self.prescribed]
-        self.work_names = (*dict.fromkeys(names), *(("dissipation",) if self.damped else ()))
+        dampers = [spring.damping for spring in self.direction_springs]
+        dampers += [segment.damping for segment, _ in free_segments(mechanism)]
+        self.work_names = (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
         self.size = self.nq + self.nv + len(self.work_names)
-        springs_alone = not (
-            self.actuation.needed or self.direction_springs or self.prescribed or self.damped or rows is not None
+        self.springs = SegmentSprings(mechanism, self.size)
+        self.route = self._route(route, control)
+        self.subchains = SubChains(mechanism) if self.route == "subchains" else None
+        self.faults = Faults(mechanism, self.actuation, self.system, self.subchains)
+        self._calls = [0]
+        self._dense = Dense(
+            mechanism, self.frames, self.springs, self.direction_springs, self.actuation, self.system, self.prescribed,
+            self.knife_edge == "projection", self.work_names, self._calls, self.faults,
+        )  # fmt: skip
+        self.reference = [0.0] * len(layout.names)
+        sliding = self.knife_edge == "reduction"
+        self.rhs: Rhs
+        if self.subchains is not None:
+            self.rhs = self._cut(self.subchains, sliding)
+        elif self.route == "recursive":
+            self.rhs = recursive(mechanism, self.springs, sliding, self.size, self._calls, self.faults)
+        else:
+            self.rhs = self._dense.rhs()
+
+    def _route(self, route: str | None, control: Control | None) -> str:
+        """Choose the fastest sound route, or refuse the one asked for where it does not serve."""
+        simple = self.knife_edge in ("none", "reduction")
+        light = simple and not (
+            self.actuation.needed or self.direction_springs or self.prescribed or self.system.rows is not None
         )
         if route is None:
-            fewest = {"none": 0, "reduction": RECURSIVE_ON_SKI}.get(self.knife_edge, RECURSIVE_LINKS + 1)
-            light = springs_alone and fewest <= len(layout.links) <= RECURSIVE_LINKS
-            long = control is None and self.knife_edge in ("none", "reduction") and is_cut(mechanism.scene)
-            route = "subchains" if long else "recursive" if light else "dense"
-        if route == "recursive" and not (springs_alone and self.knife_edge in ("none", "reduction")):
-            raise SceneError("the recursive route serves undamped springs and the reduced knife edge only; use 'dense'")
-        if route == "subchains" and (control is not None or self.knife_edge not in ("none", "reduction")):
+            if control is None and simple and is_cut(self.mechanism.scene):
+                return "subchains"
+            return "recursive" if light and len(self.layout.links) <= RECURSIVE_LINKS else "dense"
+        if route == "recursive" and not light:
+            raise SceneError("the recursive route serves spring-dampers and the reduced knife edge only; use 'dense'")
+        if route == "subchains" and (control is not None or not simple):
             raise SceneError("the route 'subchains' serves springs, dampers and the reduced knife edge only; use 'dense'")
-        self.route = route
-        self.subchains = SubChains(mechanism) if route == "subchains" else None
-        made = {"recursive": self._recursive, "dense": self._dense, "subchains": self._cut}
-        self.rhs: Rhs = made[route]()
+        return route
 
-    @cached_property
-    def springs(self) -> Array:
-        """Matrix (nv, size) of the segment springs: tau = springs y + preload."""
-        springs = np.zeros((self.nv, self.size), order="F")
-        springs[:, : self.nq + self.nv] = spring_matrix(self.mechanism)[0]
-        return springs
+    @property
+    def evaluations(self) -> int:
+        """Right-hand sides so far."""
+        return self._calls[0]
 
-    @cached_property
-    def preload(self) -> Array:
-        """Forces (nv,) of the segment springs at length 0."""
-        return spring_matrix(self.mechanism)[1]
+    @property
+    def reference(self) -> list[float]:
+        """Coordinates of the last accepted sample, by which angles keep their branch."""
+        return self._reference
+
+    @reference.setter
+    def reference(self, values: list[float]) -> None:
+        self._reference = self._dense.reference = values
+
+    def forget(self) -> None:
+        """Count right-hand sides from zero again."""
+        self._calls[0] = 0
+
+    def _cut(self, chains: SubChains, sliding: bool) -> Rhs:
+        """Sub-chains: every piece a model of its own, joined by the forces in the cut hinges."""
+        model, nq, end, calls, damped = self.mechanism.model, self.nq, self.nq + self.nv, self._calls, bool(self.work_names)
+        normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)
+        qdot, vdot = dy[:nq], dy[nq:end]
+
+        def rhs(t: float, y: Array) -> Array:
+            calls[0] += 1
+            raw, v = y[:nq], y[nq:end]
+            q = normalize(model, raw)
+            vdot[...] = chains.accelerations(q, v)
+            if not vdot.dot(vdot) < HUGE * HUGE:
+                raise self.faults.not_finite(q, v, chains.springs(q, v))
+            qdot[...] = product(model, raw, v)
+            if sliding:
+                norm = math.hypot(y.item(2), y.item(3))
+                dy[0] /= norm
+                dy[1] /= norm
+            if damped:
+                dy[-1] = chains.dissipation(v)
+            return dy
+
+        return rhs
 
     def pack(self, state: State) -> Array:
         """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""
@@ -153,7 +180,7 @@ class Dynamics:
         if self.knife_edge == "reduction":
             state.v[SIDEWAYS] = 0.0
         elif self.knife_edge == "projection":
-            self._project(state.q, state.v)
+            self._dense.project(state.q, state.v)
         return state
 
     def accept(self, t: float, y: Array) -> float:
@@ -189,8 +216,8 @@ class Dynamics:
         q, v = self.unpack(t, y)
         model, data = self.mechanism.model, self.mechanism.data
         pin.crba(model, data, q, pin.Convention.WORLD)
-        tau = self.springs.dot(np.concatenate([q, v, y[self.nq + self.nv :]])) + self.preload
-        self._add_forces(t, q, v, tau)
+        tau = np.zeros(self.nv)
+        self._dense.forces(t, np.concatenate([q, v, y[self.nq + self.nv :]]), q, v, tau)
         controls: dict[str, float] = {}
         for channel, value in zip(self.actuation.channels, self.actuation.values.tolist(), strict=True):
             controls[channel.name] = controls.get(channel.name, 0.0) + value
@@ -225,180 +252,6 @@ class Dynamics:
         """Whether a row, by its equation, is one of positions."""
         return any(row.holonomic for row in self.system.info if row.text == text)
 
-    def _add_forces(self, t: float, q: Array, v: Array, tau: Array) -> None:
-        if self.direction_springs:
-            self.lost = apply_springs(self.direction_springs, self.frames, v, tau)
-        if self.actuation.needed:
-            self.actuation.add(t, q, v, tau, self.reference)
-
-    def _project(self, q: Array, v: Array) -> None:
-        """Subtract M^-1 e_y v_y / (M^-1)_yy: the velocity nearest in kinetic energy that obeys the knife edge."""
-        mass = np.asfortranarray(pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD))
-        unit = np.zeros(self.nv)
-        unit[SIDEWAYS] = 1.0
-        for k in self.known:
-            mass[k], mass[:, k] = 0.0, 0.0
-            mass[k, k] = 1.0
-        _, answer, info = lapack.dposv(mass, unit, overwrite_a=1)
-        if info:
-            raise self.singular(q)
-        v -= answer * (v[SIDEWAYS] / answer[SIDEWAYS])
-        v[SIDEWAYS] = 0.0
-
-    def _recursive(self) -> Rhs:
-        """ABA in LOCAL convention; the knife edge by a second call, since vdot is affine in the sideways force."""
-        model, data, nq, end = self.mechanism.model, self.mechanism.data, self.nq, self.nq + self.nv
-        aba, normalize, product, local = pin.aba, pin.normalize, pin.tangentMapProduct, pin.Convention.LOCAL
-        springs, preload, gemv, dy = self.springs, self.preload, blas.dgemv, np.zeros(self.size)
-        qdot, vdot = dy[:nq], dy[nq:end]
-        sliding = self.knife_edge == "reduction"
-
-        def rhs(t: float, y: Array) -> Array:
-            self.evaluations += 1
-            raw, v = y[:nq], y[nq:end]
-            q = normalize(model, raw)
-            tau = gemv(1.0, springs, y, 1.0, preload)
-            vdot[:] = aba(model, data, q, v, tau, local)
-            if sliding:
-                tau[SIDEWAYS] += 1.0
-                unit = aba(model, data, q, v, tau, local)
-                unit -= vdot
-                unit *= vdot[SIDEWAYS] / unit[SIDEWAYS]
-                np.subtract(vdot, unit, vdot)
-                vdot[SIDEWAYS] = 0.0
-            if not vdot.dot(vdot) < HUGE:
-                raise self.not_finite(q, v, tau)
-            qdot[:] = product(model, raw, v)
-            if sliding:
-                norm = math.hypot(y.item(2), y.item(3))
-                dy[0] /= norm
-                dy[1] /= norm
-            return dy
-
-        return rhs
-
-    def _cut(self) -> Rhs:
-        """Sub-chains: every piece a model of its own, joined by the forces in the cut hinges."""
-        model, nq, end, chains = self.mechanism.model, self.nq, self.nq + self.nv, self.subchains
-        normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)
-        qdot, vdot, sliding = dy[:nq], dy[nq:end], self.knife_edge == "reduction"
-        assert chains is not None
-
-        def rhs(t: float, y: Array) -> Array:
-            self.evaluations += 1
-            raw, v = y[:nq], y[nq:end]
-            q = normalize(model, raw)
-            vdot[:] = chains.accelerations(q, v)
-            if not vdot.dot(vdot) < HUGE:
-                raise self.not_finite(q, v, chains.springs(q, v))
-            qdot[:] = product(model, raw, v)
-            if sliding:
-                norm = math.hypot(y.item(2), y.item(3))
-                dy[0] /= norm
-                dy[1] /= norm
-            if self.damped:
-                dy[-1] = chains.dissipation(v)
-            return dy
-
-        return rhs
-
-    def _dense(self) -> Rhs:
-        """CRBA, nonlinear effects and a LAPACK Cholesky in place.
-
-        The tangent map is linear in a quaternion, so the raw one brings its norm along; the ski's x and y lose it again.
-        """
-        model, data, nq, end = self.mechanism.model, self.mechanism.data, self.nq, self.nq + self.nv
-        crba, nle, normalize, world = pin.crba, pin.nonLinearEffects, pin.normalize, pin.Convention.WORLD
-        product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
-        subtract, divide, hypot = np.subtract, np.divide, math.hypot
-        springs, preload, gemv, dy = self.springs, self.preload, blas.dgemv, np.zeros(self.size)
-        qdot, vdot, place, accelerations = dy[:nq], dy[nq:end], dy[:2], np.zeros(self.nv)
-        known, prescribed = self.known, self.prescribed
-        flat, (crossed, identity) = mass.ravel(order="K"), self._cross(known)
-        forced = bool(self.direction_springs or self.actuation.needed)
-        on_ski, projecting = self.layout.base == "ski", self.knife_edge == "projection"
-        constrained, system = self.system.needed, self.system
-        rows, working, powers = np.zeros((len(prescribed), self.nv)), bool(self.work_names), self._powers()
-
-        def rhs(t: float, y: Array) -> Array:
-            self.evaluations += 1
-            raw, v = y[:nq], y[nq:end]
-            q = normalize(model, raw)
-            if prescribed or projecting:
-                v = v.copy()
-                for at in prescribed:
-                    q[at.q], v[at.v], accelerations[at.v] = at.law.jet(t)
-                if projecting:
-                    self._project(q, v)
-                    y = np.concatenate([raw, v, y[end:]])
-            tau = gemv(1.0, springs, y, 1.0, preload)
-            crba(model, data, q, world)
-            if forced:
-                self._add_forces(t, q, v, tau)
-            b = nle(model, data, q, v)
-            subtract(tau, b, b)
-            missing = b
-            if prescribed:
-                missing = -b
-                for row, at in enumerate(prescribed):
-                    rows[row] = mass[at.v]
-                b -= mass.dot(accelerations)
-            for k in known:
-                b[k] = accelerations[k]
-            if known:
-                flat[crossed] = identity
-            if constrained:
-                answer = system.solve(t, q, v, b, accelerations if prescribed else None, self.reference)
-                if answer is None:
-                    raise self.singular(q)
-                if prescribed:
-                    missing -= system.on_known()
-            else:
-                answer, info = dposv(mass, b, 0, 1, 1)[1:]  # both overwritten
-                if info:
-                    raise self.singular(q)
-            if not answer.dot(answer) < HUGE:
-                raise self.not_finite(q, v, tau)
-            qdot[:] = product(model, raw, v)
-            vdot[:] = answer
-            if on_ski:
-                divide(place, hypot(raw.item(2), raw.item(3)), place)
-            if working:
-                powers(v, vdot, rows, missing, dy)
-            return dy
-
-        return rhs
-
-    def _cross(self, known: list[int]) -> tuple[NDArray[np.intp], Array]:
-        """Flat indices of the rows and columns of known velocities in a column-major M, and the identity's entries there."""
-        identity, crossed = np.eye(self.nv), np.zeros((self.nv, self.nv), dtype=bool)
-        crossed[known], crossed[:, known] = True, True
-        indices = np.flatnonzero(crossed.ravel(order="F"))
-        return indices, identity.ravel(order="F")[indices]
-
-    def _powers(self) -> Callable[[Array, Array, Array, Array, Array], None]:
-        """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""
-        names, start, actuation = self.work_names, self.nq + self.nv, self.actuation
-        dampers = -np.diag(self.springs[:, self.nq : start]).copy()
-        slots = [start + names.index(channel.name) for channel in actuation.channels]
-        system = self.system
-        controlled = system.acting + len(system.working)  # their work states come first
-        driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
-
-        def powers(v: Array, vdot: Array, rows: Array, missing: Array, dy: Array) -> None:
-            dy[start:] = 0.0
-            if controlled:
-                dy[start : start + controlled] = system.powers(v)
-            if slots:
-                for slot, value, rate in zip(slots, actuation.values, actuation.columns.dot(v), strict=True):
-                    dy[slot] += value * rate
-            for row, (slot, at) in enumerate(driven):
-                dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]
-            if self.damped:
-                dy[-1] = dampers.dot(v * v) + self.lost
-
-        return powers
-
     @property
     def reads_angles(self) -> bool:
         """Whether forces need the branch of an angle, and so the last accepted sample."""
@@ -414,79 +267,3 @@ class Dynamics:
         acting = {*self.actuation.channels, *(self.system.programme.channels if self.system.programme else ())}
         found = {channel.link for channel in acting if channel.kind in ("phi", "psi")}
         return found | {c.link for c in self.layout.coordinates if c.kind in ("phi", "psi") and c.name in read}
-
-    def conditioning(self, q: Array) -> tuple[float, list[str]]:
-        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
-
-        Of sub-chains, that of the worst piece.
-        """
-        if self.subchains is not None:
-            return self.subchains.conditioning(pin.normalize(self.mechanism.model, q))
-        mass = np.array(pin.crba(self.mechanism.model, self.mechanism.data, pin.normalize(self.mechanism.model, q)))
-        if not np.isfinite(mass).all():
-            return math.inf, ["every coordinate"]
-        scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))
-        values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
-        motion, names = np.abs(vectors[:, 0]), velocity_names(self.layout)
-        weakest = [names[k] for k in np.argsort(-motion)[:4] if motion[k] > 0.1 * motion.max()]
-        condition = float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
-        return condition, list(dict.fromkeys(weakest))
-
-    def singular(self, q: Array) -> VlmbError:
-        """Name the motion without inertia at a configuration."""
-        condition, weakest = self.conditioning(q)
-        if condition < SOUND:
-            return SimulationError("a position or velocity is too large to compute with: the motion has no finite continuation")
-        return SingularError(
-            f"the mass matrix is singular (condition {condition:.1e}): {', '.join(weakest)} can move without inertia. "
-            f"{' '.join(self.mechanism.warnings)}".rstrip()
-        )
-
-    def not_finite(self, q: Array, v: Array, tau: Array) -> VlmbError:
-        """Say which quantity is not finite."""
-        self.system.require_finite()
-        names, acting = velocity_names(self.layout), self.actuation
-        for law, channel, value in zip(acting.laws, acting.channels, acting.values.tolist(), strict=False):
-            if not math.isfinite(value):
-                return SimulationError(f"the law {law.text!r} of the force on {channel.name} has no finite value")
-        for what, values in (("force", tau), ("velocity", v)):
-            bad = [names[k] for k in np.flatnonzero(~np.isfinite(values))]
-            if bad:
-                return SimulationError(f"the {what} of {', '.join(bad)} is not finite")
-        if not np.isfinite(q).all():
-            return SimulationError("the configuration is not finite")
-        if self.conditioning(q)[0] < SOUND:
-            worst = int(np.argmax(np.abs(tau)))
-            where = f"the largest force, {tau[worst]:.3g}, is on {names[worst]}"
-            return SimulationError(f"accelerations are no longer finite: {where}")
-        return self.singular(q)
-
-
-def prescribed_segments(mechanism: Mechanism) -> tuple[Prescribed, ...]:
-    """Collect the prescribed segments and their laws."""
-    found = []
-    for coordinate in mechanism.layout.coordinates:
-        if coordinate.kind == "xi":
-            at = segment_of(mechanism.layout, coordinate)
-            if at.motion == "prescribed":
-                side = "lower" if coordinate.segment == 1 else "upper"
-                text = mechanism.scene.links[coordinate.link].segment(coordinate.segment).law
-                law = time_law(0.0 if text is None else text, mechanism.scene.parameters, f"links[{coordinate.link}].{side}.law")
-                force = f"F{coordinate.link + 1}_{coordinate.segment}"
-                found.append(Prescribed(coordinate.name, force, at.q, at.v, law))
-    return tuple(found)
-
-
-def velocity_names(layout: Layout) -> list[str]:
-    """Name every velocity of v for messages."""
-    names = [""] * layout.nv
-    base = ("forward", "sideways", "yaw") if layout.base == "ski" else ("x", "y", "z")
-    for k in range(layout.base_size):
-        names[k] = f"base {base[k]}"
-    for i, link in enumerate(layout.links):
-        for k in range(1 if layout.plane else 3):
-            names[link.v + k] = f"hinge of {link.name}"
-        for which, segment in ((1, link.lower), (2, link.upper)):
-            if segment.joint:
-                names[segment.v] = f"xi{i + 1}_{which} of {link.name}"
-    return names

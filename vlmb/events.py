@@ -15,28 +15,39 @@ from vlmb.coordinates import segment_of
 from vlmb.dynamics import Dynamics
 from vlmb.errors import SceneError, VlmbError
 from vlmb.integrate import short_run
-from vlmb.start import limits_of
 
 Array = NDArray[np.float64]
 SHORT_STEPS = 500  # of a short run that looks for an event
+SHORTEST = 1e-6  # [s] of a short run that goes on towards a failure
 SCAN = 64  # points looked at where a segment may have crossed its limit between two samples
 
 
 class Watch:
-    """Looks at every accepted sample, and between two where a cubic through them could leave the limits."""
+    """Looks at every accepted sample, and between two where a cubic through them could leave the limits.
+
+    `quiet`: right-hand sides look at all lengths themselves, and none came near a limit, so that looks may be rare.
+    """
 
     def __init__(self, dynamics: Dynamics, fall: bool, rtol: float, atol: float) -> None:
         self.dynamics, self.tolerances = dynamics, (rtol, atol)
         mechanism, layout = dynamics.mechanism, dynamics.layout
-        segments = [c for c in layout.coordinates if c.kind == "xi"]
-        self.names = [c.name for c in segments]
-        self.segments = [  # where length and rate are in y, and their limits
-            (segment_of(layout, c).q, segment_of(layout, c).v + layout.nq, *limits_of(mechanism, c.link, c.segment))
-            for c in segments
-        ]
+        self.names: list[str] = []
+        self.segments: list[tuple[int, int, float, float]] = []  # where length and rate are in y, and their limits
+        for c in layout.coordinates:
+            if c.kind == "xi":
+                at, (low, high) = segment_of(layout, c), mechanism.scene.links[c.link].segment(c.segment).bounds
+                self.names.append(c.name)
+                self.segments.append((at.q, layout.nq + at.v, low, high))
+        dynamics.springs.near = False
         self.points: list[str] = []
         if fall and layout.base == "ski":
             self.points = [f"{link.name}.{point}" for link in layout.links for point in ("rod_end", "tip")]
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing can happen that is not told."""
+        springs = self.dynamics.springs
+        return springs.guarded and not (springs.near or self.points or self.dynamics.route == "subchains")
 
     def refuse_start(self, y: Array) -> None:
         """Raise SceneError for a start with a point under the snow."""
@@ -64,6 +75,24 @@ class Watch:
                 if crossing is not None:
                     found.append((crossing, f"fall: {name} reached the snow"))
         return min(found) if found else None
+
+    def search(self, t0: float, y0: Array, t1: float, stride: float) -> tuple[float, Array, tuple[float, str] | None]:
+        """First event in (t0, t1], by short runs of a stride, after time and state of the look before it.
+
+        None where there is none, or the motion cannot be followed so far.
+        """
+        while t0 < t1 and stride > SHORTEST:
+            t = min(t0 + stride, t1)
+            try:
+                y = self.state_at(t0, y0, t)
+            except VlmbError:
+                stride /= 4.0
+                continue
+            event = self.between(t0, y0, t, y)
+            if event is not None:
+                return t0, y0, event
+            t0, y0 = t, y
+        return t0, y0, None
 
     def _room(self, q: int, bound: float, sign: float) -> Callable[[Array], float]:
         return lambda y: sign * (float(y[q]) - bound)

@@ -52,6 +52,7 @@ class Method:
     purpose: str
     make: Callable[..., Driver] = field(repr=False)
     stride: float = 1.0  # steps between two looks at what ends a run; those of a multistep method are short
+    stiff: bool = False
 
 
 def euler(rhs: Rhs, t: float, y: Array, h: float) -> Array:
@@ -118,38 +119,40 @@ class FixedStep:
 
 
 class _Guarded:
-    """Keeps an exception away from a compiled driver: the driver sees nan and gives up, then `check` raises it."""
+    """Keeps an exception away from a compiled driver: `call` gives it nan, so that it gives up, then `check` raises."""
 
     def __init__(self, rhs: Rhs, size: int) -> None:
-        self.rhs, self.nothing = rhs, np.full(size, np.nan)
         self.error: BaseException | None = None
+        nothing = np.full(size, np.nan)
 
-    def __call__(self, t: float, y: Array) -> Array:
-        if self.error is not None:
-            return self.nothing
-        try:
-            return self.rhs(t, y)
-        except BaseException as error:  # KeyboardInterrupt too: nothing may cross compiled code
-            self.error = error
-            return self.nothing
+        def call(t: float, y: Array) -> Array:
+            if self.error is not None:
+                return nothing
+            try:
+                return rhs(t, y)
+            except BaseException as error:  # KeyboardInterrupt too: nothing may cross compiled code
+                self.error = error
+                return nothing
 
-    def check(self, solver: integrate.ode) -> None:
+        self.call = call
+
+    def check(self, integrator: Any) -> None:
         """Raise what stopped the right-hand side, or SimulationError if the driver gave up by itself."""
         if self.error is not None:
             raise self.error
-        if not solver.successful():
+        if integrator.success != 1:
             raise SimulationError(STUCK)
 
 
 def short_run(rhs: Rhs, t: float, y: Array, end: float, rtol: float, atol: float, steps: int | None = None) -> Array:
     """y(end) from (t, y) by compiled DOP853, which ends exactly there."""
     guarded = _Guarded(rhs, len(y))
-    solver = integrate.ode(guarded).set_integrator("dop853", rtol=rtol, atol=atol, nsteps=steps or MAX_STEPS)
+    solver = integrate.ode(guarded.call).set_integrator("dop853", rtol=rtol, atol=atol, nsteps=steps or MAX_STEPS)
     solver.set_initial_value(y, t)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         answer = np.array(solver.integrate(end))
-    guarded.check(solver)
+    guarded.check(solver._integrator)
     return answer
 
 
@@ -168,10 +171,11 @@ class Multistep:
     ) -> None:
         self.rhs, self.end, self.tolerances, self.hard_end = rhs, end, (rtol, atol), hard_end
         self.guarded = _Guarded(rhs, len(y))
-        self.solver = integrate.ode(self.guarded).set_integrator(
+        self.solver = integrate.ode(self.guarded.call).set_integrator(
             "vode", method=kind, with_jacobian=kind == "bdf", rtol=rtol, atol=atol, nsteps=MAX_STEPS
         )
         self.solver.set_initial_value(y, t)
+        self.integrator = self.solver._integrator
         self.node = (t, np.array(y))  # start of the step under way, for a hard end
         self.reached = t
         self.passed = False
@@ -179,17 +183,19 @@ class Multistep:
     @property
     def steps(self) -> int:
         """Accepted steps: VODE's counter NST."""
-        return int(self.solver._integrator.iwork[10])
+        return int(self.integrator.iwork[10])
 
     @property
     def step(self) -> float:
         """Length [s] of the next step: VODE's HCUR."""
-        return float(self.solver._integrator.rwork[11])
+        return float(self.integrator.rwork[11])
 
     def advance(self, t: float) -> Array:
         """Let VODE pass t and interpolate; a step that passed a hard end is not used."""
+        if not self.hard_end:
+            return self._integrate(t) if t > self.node[0] else self.node[1]
         limit = self.steps + MAX_STEPS
-        while self.hard_end and not self.passed and self.reached < t:
+        while not self.passed and self.reached < t:
             if self.steps >= limit:
                 raise SimulationError(STUCK)
             here = self.solver.t == self.reached
@@ -208,12 +214,12 @@ class Multistep:
         try:
             y = np.array(self.solver.integrate(t, step=one_step))
         except UserWarning:  # where warnings are errors, the solver has not noted that it gave up
-            self.solver._integrator.success = 0
+            self.integrator.success = 0
         except RuntimeError:  # SciPy before 1.17: another run has taken VODE's one memory since
             raise SimulationError(INTERLEAVED) from None
         finally:
             Multistep.busy = False
-        self.guarded.check(self.solver)
+        self.guarded.check(self.integrator)
         return y
 
 
@@ -295,8 +301,8 @@ METHODS = {
         Method("gauss", 4, False, "long runs: energy error stays bounded", _fixed(gauss)),
         Method("dop853", 8, True, "smooth motions at tight tolerances", _one_step(integrate.DOP853)),
         Method("adams", 12, True, "smooth motions; fewest right-hand sides", _multistep("adams"), 4.0),
-        Method("bdf", 5, True, "stiff scenes at moderate tolerances", _multistep("bdf"), 4.0),
-        Method("radau", 5, True, "stiff scenes", _one_step(integrate.Radau)),
+        Method("bdf", 5, True, "stiff scenes at moderate tolerances", _multistep("bdf"), 4.0, True),
+        Method("radau", 5, True, "stiff scenes", _one_step(integrate.Radau), stiff=True),
     )
 }
 

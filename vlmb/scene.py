@@ -82,6 +82,11 @@ class Segment(_Table, frozen=True, kw_only=True):
     rest: float | None = None  # [m], default: length
     limits: tuple[float, float] | None = None  # [m], default (0, inf)
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Limits [m] of the length; (0, inf) unless given."""
+        return self.limits or (0.0, math.inf)
+
 
 class Link(_Table, frozen=True, kw_only=True):
     """One variable-length link: lower massless segment, rod, upper massless segment."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 import warnings
@@ -15,28 +14,23 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.dynamics import HUGE, Dynamics, prescribed_segments
-from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
-from vlmb.events import Watch
+from vlmb.dynamics import Dynamics
+from vlmb.errors import SceneError, VlmbError
 from vlmb.forces import Control
-from vlmb.integrate import Driver, Rhs, find_method, short_run
 from vlmb.laws import law_breaks, law_jump
+from vlmb.march import March
 from vlmb.mechanism import Mechanism, build
-from vlmb.scene import DEFAULT_STEP, Run, Scene, load_scene
-from vlmb.start import Start, consistent_start, limits_of
-from vlmb.trajectory import Sample, Trajectory
+from vlmb.prescribed import prescribed_segments
+from vlmb.scene import Run, Scene, load_scene
+from vlmb.start import Start, consistent_start
+from vlmb.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
-INSIDE = 1e-12  # relative distance kept from a break of a law
 SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
-LOOKS = 60.0  # [1/s] looks at events and angles; at times of their own, so that the choice of samples changes no motion
-LONGEST = 0.1  # [s] between two looks where a driver's steps are longer than 1 / LOOKS and no angle is read
-CLOSEST = 1e-7  # [s] between two looks
 AT_REST, UNSTABLE = 1e-9, 1e-6  # [m/s^2, rad/s^2] accelerations of a balanced start; [1/s^2] growth that counts
 NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
-SAME = 1e-9  # [s] a sample this near to a look is one
 
 
 def simulate(
@@ -87,15 +81,16 @@ def simulate(
     began, used = time.perf_counter(), time.thread_time()
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named; drivers raise
         warnings.simplefilter("ignore")
-        recorded, status, message, steps = _march(dynamics, run, dynamics.pack(start.state), times, breaks, progress)
+        march = March(dynamics, run, dynamics.pack(start.state), times, breaks, progress)
+        status, message = march.run()
     stats = {
         "wall_time": time.perf_counter() - began,
         "cpu_time": time.thread_time() - used,
         "rhs_evaluations": dynamics.evaluations,
-        "steps": steps,
+        "steps": march.steps,
         "route": dynamics.route,
     }
-    return Trajectory.from_run(dynamics, run, start, recorded, status, message, stats)
+    return Trajectory.from_run(dynamics, run, start, march.recorded, status, message, stats)
 
 
 def run_options(scene: Scene, **changes: Any) -> Run:
@@ -112,99 +107,14 @@ def check(scene: Scene) -> tuple[Mechanism, Start]:
     dynamics = Dynamics(mechanism, scene.run.knife_edge, scene.run.gain)
     _breaks(dynamics, scene.run.duration)
     dynamics.rhs(0.0, dynamics.pack(start.state))
-    if dynamics.conditioning(start.state.q)[0] > SINGULAR:
-        raise dynamics.singular(start.state.q)
+    if dynamics.faults.conditioning(start.state.q)[0] > SINGULAR:
+        raise dynamics.faults.singular(start.state.q)
     programme = dynamics.system.programme
     if programme is None:
         return mechanism, start
     rank, condition = programme.rank(programme.effect)
     controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
     return mechanism, start._replace(repairs=(*start.repairs, f"programme: {programme.report}; {controllable}"))
-
-
-def _march(
-    dynamics: Dynamics, run: Run, y: Array, times: Array, breaks: tuple[float, ...], progress: Callable[[float], None] | None
-) -> tuple[list[Sample], str, str, int]:
-    """Advance through all samples, from break to break; return what was recorded, a status, a sentence and the steps."""
-    method = find_method(run.method)
-    watch = Watch(dynamics, run.fall, run.rtol, run.atol)
-    watch.refuse_start(y)
-    timed = bool(dynamics.actuation.channels or dynamics.prescribed)
-    wanted = set(times.tolist())
-    recorded: list[Sample] = []
-    reference, angles = np.array(dynamics.reference), dynamics.reads_angles
-
-    def record(t: float, y: Array) -> None:
-        if dynamics.knife_edge == "projection":
-            dynamics.unpack(t, y)  # a sample without a projection is none
-        recorded.append(Sample(t, y.copy(), np.array(dynamics.reference) if angles else reference))
-
-    def ended(since: float, before: Array) -> str | None:
-        """Look back at what came since a look; take an event for the end."""
-        event = watch.between(since, before, t, y)
-        if event is None:
-            return None
-        when, sentence = event
-        state = watch.state_at(since, before, when)
-        while recorded and recorded[-1].t >= when:
-            recorded.pop()
-        record(when, state)
-        return f"stopped at t = {when:.6g} s: {sentence}."
-
-    t, step, steps, earlier, seen = 0.0, 0.0, 0, 0, (0.0, y)
-    size = run.step or DEFAULT_STEP
-    last = float(times[-1])
-    if 0.0 in wanted:
-        record(0.0, y)
-    ends = [*(b for b in breaks if b < last), last] if last > 0.0 else []
-    driver: Driver | None
-    try:
-        for end in ends:
-            rhs = _between(dynamics.rhs, t, end, last) if timed else dynamics.rhs
-            driver = None
-            room = max(CLOSEST, dynamics.accept(t, y))
-            look = t + min(1.0 / LOOKS, room)
-            for target in [*times[(times > t) & (times < end)].tolist(), end]:
-                while t < target:
-                    stop = look if look < target - SAME else target
-                    if method.adaptive and room < 2.0 * step:  # a step could pass over the swing of an azimuth
-                        driver = None
-                        y = short_run(rhs, t, y, stop, run.rtol, run.atol)
-                        steps += 1
-                    else:
-                        if driver is None:
-                            driver = method.make(rhs, t, y, end, rtol=run.rtol, atol=run.atol, step_size=size, hard_end=timed)
-                            earlier = steps
-                        y = driver.advance(stop)
-                        step, steps = driver.step, earlier + driver.steps
-                    t = stop
-                    if not y.dot(y) < HUGE:
-                        raise SimulationError("the state is no longer finite")
-                    if t >= min(look, end) - SAME:
-                        sentence = ended(*seen)
-                        if sentence is not None:
-                            return recorded, "stopped", sentence, steps
-                        seen, room = (t, y), max(CLOSEST, dynamics.accept(t, y))
-                        look += min(room, max(1.0 / LOOKS, 0.0 if angles else min(method.stride * step, LONGEST)))
-                if t in wanted:
-                    record(t, y)
-                if progress is not None:
-                    progress(t)
-    except VlmbError as error:
-        with contextlib.suppress(VlmbError):
-            sentence = ended(*seen)  # an event before what failed
-            if sentence is not None:
-                return recorded, "stopped", sentence, steps
-        if not recorded:
-            record(t, y)
-        why = "" if isinstance(error, SingularError) else _why(dynamics, y)
-        sentence = f"failed at t = {t:.6g} s: {error}{why}"
-        return recorded, "failed", sentence, steps
-    except KeyboardInterrupt:
-        if not recorded:
-            record(t, y)
-        return recorded, "interrupted", f"interrupted at t = {t:.6g} s; the part so far is kept.", steps
-    return recorded, "finished", f"finished at t = {last:.6g} s.", steps
 
 
 def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
@@ -225,7 +135,7 @@ def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
     except VlmbError:
         return []  # the run says it
     finally:
-        dynamics.evaluations = 0
+        dynamics.forget()
     growth = np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max()
     if not growth > UNSTABLE:
         return []
@@ -233,22 +143,6 @@ def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
         f"start: at rest in an unstable equilibrium: errors grow as exp({math.sqrt(growth):.3g} t): rounding decides when "
         "and where it leaves; give a start value a nudge"
     ]
-
-
-def _between(rhs: Rhs, start: float, end: float, last: float) -> Rhs:
-    """Keep the time of a right-hand side inside two breaks: no law is asked for its other side, nor beyond the last time."""
-    low = start + INSIDE * start
-    high = end if end == last else end - INSIDE * end
-    return lambda t, y: rhs(min(max(t, low), high), y)
-
-
-def _why(dynamics: Dynamics, y: Array) -> str:
-    """Add what the mass matrix says about a place where a run failed."""
-    condition, names = dynamics.conditioning(y[: dynamics.nq])
-    if condition > 1e10:
-        weak = ", ".join(names)
-        return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
-    return dynamics.system.programme.weakness() if dynamics.system.programme else ""
 
 
 def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:
@@ -284,7 +178,7 @@ def _breaks(dynamics: Dynamics, duration: float) -> tuple[float, ...]:
                     f"its rate by {rate:.3g} m/s): a prescribed length needs a continuous rate"
                 )
             breaks.add(t)
-        low, high = limits_of(mechanism, coordinates[at.name].link, coordinates[at.name].segment)
+        low, high = mechanism.scene.links[coordinates[at.name].link].segment(coordinates[at.name].segment).bounds
         for t in np.linspace(0.0, duration, 1001).tolist():
             length = at.law.value(t)
             if not low <= length <= high:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import blas
 
 from vlmb.coordinates import SegmentIndex
 from vlmb.errors import SceneError, SingularError, nearest
@@ -16,8 +17,11 @@ from vlmb.mechanism import Mechanism
 from vlmb.scene import BASE, Segment
 
 Array = NDArray[np.float64]
+Write = Callable[[Array, Array], None]
 
 FADE = 0.02  # [rad] angle below which a damper between directions fades
+FEW = 6  # segments that are faster one by one than as a matrix
+NEAR = 0.2  # of the way from the start to a limit: a length that comes so near to it is told
 HEADING = "heading"  # the base's horizontal direction in `between`; "base" is the surface normal
 
 
@@ -30,6 +34,57 @@ def spring_matrix(mechanism: Mechanism) -> tuple[Array, Array]:
         matrix[at.v, layout.nq + at.v] = -segment.damping
         preload[at.v] = segment.stiffness * rest_length(segment)
     return matrix, preload
+
+
+class SegmentSprings:
+    """Forces of the free segments' spring-dampers, F = -k (xi - rest) - c xidot, written into a buffer.
+
+    `guarded`: whether every evaluation looks at the lengths, so that `near` tells when one came near its limits or left them.
+    """
+
+    def __init__(self, mechanism: Mechanism, size: int) -> None:
+        self.near = False
+        segments = list(free_segments(mechanism))
+        self.dampers = [(mechanism.layout.nq + at.v, segment.damping) for segment, at in segments if segment.damping]
+        self.guarded = len(segments) <= FEW
+        self.write = self._one_by_one(mechanism, segments) if self.guarded else self._matrix(mechanism, size)
+
+    def dissipation(self, y: Array) -> float:
+        """Power lost in the dampers [W]."""
+        return sum(damping * y.item(at) ** 2 for at, damping in self.dampers)
+
+    def _one_by_one(self, mechanism: Mechanism, segments: Sequence[tuple[Segment, SegmentIndex]]) -> Write:
+        """Scalars: a fraction of numpy's time for few segments. Forces of others are left as they are."""
+        plain, damped = [], []
+        for segment, at in segments:
+            start, k, bounds = at.length, segment.stiffness, segment.bounds
+            low, high = (bound + NEAR * (start - bound) if math.isfinite(bound) else bound for bound in bounds)
+            plain.append((at.q, at.v, k, k * rest_length(segment), low, high))
+            if segment.damping:
+                damped.append((at.v, mechanism.layout.nq + at.v, segment.damping))
+
+        def write(y: Array, tau: Array) -> None:
+            item = y.item
+            for q, v, k, preload, low, high in plain:
+                xi = item(q)
+                tau[v] = preload - k * xi
+                if not low < xi < high:
+                    self.near = True
+            for v, rate, c in damped:
+                tau[v] -= c * item(rate)
+
+        return write
+
+    def _matrix(self, mechanism: Mechanism, size: int) -> Write:
+        matrix, preload = spring_matrix(mechanism)
+        wide, gemv = np.zeros((len(preload), size), order="F"), blas.dgemv
+        wide[:, : matrix.shape[1]] = matrix
+
+        def write(y: Array, tau: Array) -> None:
+            tau[...] = preload
+            gemv(1.0, wide, y, 1.0, tau, 0, 1, 0, 1, 0, 1)  # in place
+
+        return write
 
 
 def spring_energy(mechanism: Mechanism, q: Array) -> Array:

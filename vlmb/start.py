@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from vlmb.constrained import SIDEWAYS
 from vlmb.constraints import Rows, RowValues
 from vlmb.coordinates import Layout, State, segment_of
-from vlmb.dynamics import prescribed_segments
 from vlmb.errors import SceneError, SimulationError, SingularError, nearest
 from vlmb.frames import LinkFrames
 from vlmb.mechanism import Mechanism
+from vlmb.prescribed import prescribed_segments
 
 Array = NDArray[np.float64]
 
@@ -178,7 +178,8 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
 
 def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str], residual: Callable[[], Array]) -> None:
     """Move named coordinates as little as needed to make a residual zero: Gauss-Newton of least norm, shortened where needed."""
-    bounds = {c.name: limits_of(mechanism, c.link, c.segment) for c in mechanism.layout.coordinates if c.kind == "xi"}
+    lengths = [c for c in mechanism.layout.coordinates if c.kind == "xi"]
+    bounds = {c.name: mechanism.scene.links[c.link].segment(c.segment).bounds for c in lengths}
 
     def at(point: Array) -> Array:
         for name, value in zip(names, point.tolist(), strict=True):
@@ -303,14 +304,9 @@ def _refuse_unknown(mechanism: Mechanism) -> None:
 def _refuse_outside_limits(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
     for coordinate in mechanism.layout.coordinates:
         if coordinate.kind == "xi":
-            low, high = limits_of(mechanism, coordinate.link, coordinate.segment)
+            low, high = mechanism.scene.links[coordinate.link].segment(coordinate.segment).bounds
             if not low <= coordinates[coordinate.name] <= high:
                 raise SceneError(
                     f"start.{coordinate.name} = {coordinates[coordinate.name]:g} m is outside its limits [{low:g}, {high:g}]; "
                     "change it, or the segment's `limits`"
                 )
-
-
-def limits_of(mechanism: Mechanism, link: int, segment: int) -> tuple[float, float]:
-    """Limits [m] of a segment; (0, inf) unless the scene says otherwise."""
-    return mechanism.scene.links[link].segment(segment).limits or (0.0, math.inf)

@@ -3,10 +3,11 @@
     M_s a_s + h_s = tau_s + J_b^T f_s - J_t^T f_(s+1)          piece s: b its first hinge, t its tip
     J_t a_s + drift_s = J_b a_(s+1)                            the tip of s is the hinge of s + 1
 
-M_s^-1 of (tau_s - h_s, J_b^T, J_t^T) by one Cholesky a piece leaves a symmetric block-tridiagonal system for the forces f in
-the hinges: banded, so that time and memory grow with the number of links. The state stays that of the one chain, so nothing
-drifts. Each piece moves in the axes of the link before it, in a frame that falls freely with its hinge: there the hinge has
-neither place, velocity nor weight, and only the angular velocity and acceleration of that link come in.
+With M_s = L L^T, the columns of L^-1 (tau_s - h_s, J_b^T, -J_t^T) multiplied with each other leave a symmetric
+block-tridiagonal system for the forces f in the hinges: banded, so that time and memory grow with the number of links. The
+state stays that of the one chain, so nothing drifts. Each piece moves in the axes of the link before it, in a frame that falls
+freely with its hinge: there the hinge has neither place, velocity nor weight, and only the angular velocity and acceleration of
+that link come in.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from vlmb.constrained import SIDEWAYS
 from vlmb.coordinates import kinematics
@@ -24,32 +25,41 @@ from vlmb.mechanism import Mechanism, build
 from vlmb.springs import free_segments, rest_length
 
 Array = NDArray[np.float64]
+WORLD, LOCAL = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL
+SIGNS = np.array([[1.0], [-1.0]])
+
 
 class _Piece:
-    """One sub-chain: its model, its buffers, and live views of what it hands on to the next."""
+    """One sub-chain: its model, its right sides, and live views of what it hands on to the next."""
 
-    def __init__(self, mechanism: Mechanism, start: int, at: int, width: int) -> None:
+    def __init__(self, mechanism: Mechanism, flies: bool, joined: bool) -> None:
         layout, self.model, self.data = mechanism.layout, mechanism.model, mechanism.data
-        self.whole = mechanism
-        free = width if start else 0  # velocities of the hinge that flies
-        self.q, self.v = np.zeros(layout.nq), np.zeros(layout.nv)
-        self.inner_q, self.inner_v = self.q[free:], self.v[free:]
-        self.in_q, self.in_v = slice(start, start + layout.nq - free), slice(at, at + layout.nv - free)
-        self.turn = slice(free, free + (1 if layout.plane else 3))
+        width, first = 2 if layout.plane else 3, layout.links[0]
+        self.whole, self.mass, self.joined = mechanism, self.data.M, joined
         self.tip = mechanism.frames[f"{layout.links[-1].name}.tip"]
         frame = self.model.frames[self.tip]
         self.reach = float(frame.placement.translation[0])
-        joint = frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent
-        velocity, drift = self.data.v[joint], self.data.a_gf[joint]
-        self.velocity, self.spin = velocity.linear, velocity.angular  # of the last link, in its axes
-        self.drift, self.turning = drift.linear, drift.angular
-        self.right = np.zeros((layout.nv, 1 + 2 * width), order="F")  # tau - h, J_b^T, J_t^T
-        for k in range(free):
+        last = frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent
+        self.motion, self.drift = self.data.v[last].vector, self.data.a_gf[last].vector  # of the last link, in its axes
+        self.spin, self.turning = self.motion[3:], self.drift[3:]
+        self.hinge = slice(first.v, first.v + (1 if layout.plane else 3))
+        # from the axes of the link before to what the hinge turns about: in a plane, -y
+        self.turn = np.array([[0.0, -1.0, 0.0]]) if layout.plane else self.data.liMi[first.joint].rotation.T
+        self.right = np.zeros((layout.nv, 1 + 2 * width), order="F")  # tau - h, J_b^T, -J_t^T
+        self.load, self.ends = self.right[:, 0], self.right[:, 1 + width :].T
+        for k in range(width if flies else 0):
             self.right[k, 1 + k] = 1.0
-        self.load, self.ends = self.right[:, 0], self.right[:, 1 + width :]
-        self.jacobian = np.zeros((6, layout.nv))
-        self.answer = self.right
-        self.mass = self.data.M
+        self.factor, self.half = self.mass, self.right  # L; L^-1 of the right sides
+        self.angular = np.zeros((3, layout.nv))  # how the last link turns
+
+    def share(self, q: Array, v: Array, tau: Array, found: Array) -> None:
+        """Take its places in the chain's buffers."""
+        self.q, self.v, self.tau, self.found, self.spinning = q, v, tau, found, v[self.hinge]
+
+    def exchange(self, gram: Array, motion: Array, drift: Array, carried: Array, turning: Array, turned: Array) -> None:
+        """Take its rows of what pieces hand to each other."""
+        self.gram, self.tip_motion, self.tip_drift = gram, motion, drift
+        self.carried, self.tip_turning, self.turned = carried, turning, turned
 
 
 class SubChains:
@@ -64,13 +74,9 @@ class SubChains:
         if why is not None:
             raise SceneError(f"the route 'subchains' does not serve {why}; use 'dense'")
         self.mechanism, self.plane = mechanism, layout.plane
-        self.width = 2 if layout.plane else 3
-        self.axes = (0, 2) if layout.plane else (0, 1, 2)
+        self.width, self.axes = 2 if layout.plane else 3, slice(0, 3, 2 if layout.plane else 1)
         self.sliding = layout.base == "ski" and reduced
-        self.pieces: list[_Piece] = []
-        for first, last in cuts(scene, size):
-            start, at = (layout.links[first].q, layout.links[first].v) if first else (0, 0)
-            self.pieces.append(_Piece(build(part(scene, first, last)), start, at, self.width))
+        self.pieces = [_Piece(build(part(scene, a, b)), a > 0, b < len(scene.links)) for a, b in cuts(scene, size)]
         segments = list(free_segments(mechanism))
         self.slots_q = np.array([at.q for _, at in segments], dtype=np.intp)
         self.slots_v = np.array([at.v for _, at in segments], dtype=np.intp)
@@ -79,20 +85,44 @@ class SubChains:
         self.rest = np.array([rest_length(segment) for segment, _ in segments])
         self.tau, self.vdot = np.zeros(layout.nv), np.zeros(layout.nv)
         self._prepare_band()
+        self._prepare_buffers()
+
+    def _prepare_buffers(self) -> None:
+        """One buffer of each kind for all pieces, where hinges that fly keep zeros, and where the chain's entries sit in it."""
+        sizes = np.array([(piece.model.nq, piece.model.nv) for piece in self.pieces])
+        ends, count, turns = sizes.cumsum(axis=0), len(self.pieces), 1 if self.plane else 3
+        self.q, self.v, self.forces, self.found = (np.zeros(ends[-1, k]) for k in (0, 1, 1, 1))
+        for piece, (q, v), (nq, nv) in zip(self.pieces, ends, sizes, strict=True):
+            at = slice(v - nv, v)
+            piece.share(self.q[q - nq : q], self.v[at], self.forces[at], self.found[at])
+        flying = ends[:-1, :, None] + np.arange(self.width)
+        self.in_q, self.in_v = (np.delete(np.arange(ends[-1, k]), flying[:, k]) for k in (0, 1))
+        hinges = (ends - sizes)[1:, 1:] + self.width
+        self.hinges, self.cyclic = hinges + np.arange(turns), hinges + np.arange(5) % turns  # x y z; x y z x y
+        self.reach = np.array([(piece.reach, -piece.reach) for piece in self.pieces]).T
+        self.motion, self.drift = np.zeros((6, count)), np.zeros((6, count))  # of tips
+        self.carried, turning, self.turned = np.zeros((count, 5)), np.zeros((count, 3)), np.zeros((count, turns))
+        given = zip(self.gram, self.motion.T, self.drift.T, self.carried[:, :turns], turning, self.turned, strict=True)
+        for piece, rows in zip(self.pieces, given, strict=True):
+            piece.exchange(*rows)
 
     def _prepare_band(self) -> None:
-        """Where the entries of the blocks sit in the band, lower form: band[i - j, j] = a_ij."""
-        width, count = self.width, max(len(self.pieces) - 1, 0)
-        self.gram = np.zeros((len(self.pieces), 1 + 2 * width, 1 + 2 * width))
-        self.tip_drift = np.zeros((count, width))
-        self.band = np.zeros((2 * width, max(count, 1) * width))
-        self.base, self.tips = slice(1, 1 + width), slice(1 + width, 1 + 2 * width)
-        self.lower, self.columns = np.tril_indices(width)
-        rows, columns = (grid.ravel() for grid in np.indices((width, width)))
-        starts = width * np.arange(count)[:, None]
-        self.diagonal = (self.lower - self.columns) * self.band.shape[1] + starts + self.columns
-        self.below = (width + rows - columns) * self.band.shape[1] + starts[: max(count - 1, 0)] + columns
-        self.weights = np.zeros((len(self.pieces), 1 + 2 * width))
+        """Where the entries of the joint system come from: of its lower band, column after column, band[i - j, j] = a_ij.
+
+        Each is the sum of two products of right sides, or one and a zero.
+        """
+        width, joints, side = self.width, len(self.pieces) - 1, 1 + 2 * self.width
+        products = np.zeros(len(self.pieces) * side**2 + 1)  # the last is the zero
+        self.products, self.gram = products, products[:-1].reshape(-1, side, side)
+        at = np.arange(products.size - 1).reshape(self.gram.shape)
+        self.first, self.second = np.full((2, joints * width, 2 * width), products.size - 1)
+        for column in range(joints * width):
+            joint, k = divmod(column, width)
+            self.first[column, : width - k] = at[joint, 1 + width + k, 1 + width + k :]
+            self.second[column, : width - k] = at[joint + 1, 1 + k, 1 + k : 1 + width]
+            if joint + 1 < joints:
+                self.first[column, width - k : 2 * width - k] = at[joint + 1, 1 + k, 1 + width :]
+        self.weights = np.zeros((len(self.pieces), side))
         self.weights[:, 0] = 1.0
 
     def springs(self, q: Array, v: Array) -> Array:
@@ -109,103 +139,93 @@ class SubChains:
 
         Raises SingularError naming the links of a piece with a motion without inertia.
         """
-        tau, last = self.springs(q, v), len(self.pieces) - 1
-        gram, drift, sliding = self.gram, self.tip_drift, self.sliding
+        self.q[self.in_q], self.v[self.in_v], self.forces[self.in_v] = q, v, self.springs(q, v)
+        self._evaluate()
+        if len(self.pieces) > 1:
+            self._join()
+        return self._collect()
+
+    def _evaluate(self) -> None:
+        """Factor the mass matrix of each piece, in the axes of the link before it; multiply its right sides with each other."""
         before: _Piece | None = None
-        for s, piece in enumerate(self.pieces):
-            self._evaluate(piece, before, q, v, tau, s < last)
-            if sliding and s == 0:
-                piece.mass[SIDEWAYS], piece.mass[:, SIDEWAYS], piece.right[SIDEWAYS] = 0.0, 0.0, 0.0
-                piece.mass[SIDEWAYS, SIDEWAYS] = 1.0
-            if s < last:
-                drift[s] = self._tip_drift(piece)
-            _, piece.answer, info = lapack.dposv(piece.mass, piece.right, overwrite_a=1)
+        for piece in self.pieces:
+            model, data, mass, right = piece.model, piece.data, piece.mass, piece.right
+            pin.crba(model, data, piece.q, WORLD)
+            if before is not None:
+                piece.turn.dot(before.spin, piece.carried)
+                piece.spinning += piece.carried
+            np.subtract(piece.tau, pin.nonLinearEffects(model, data, piece.q, piece.v), piece.load)
+            if piece.joined:
+                jacobian = pin.getFrameJacobian(model, data, piece.tip, LOCAL)
+                np.negative(jacobian[self.axes], piece.ends)
+                piece.angular = jacobian[3:]
+                piece.tip_motion[...], piece.tip_drift[...] = piece.motion, piece.drift
+            if before is None and self.sliding:
+                mass[SIDEWAYS], mass[:, SIDEWAYS], right[SIDEWAYS] = 0.0, 0.0, 0.0
+                mass[SIDEWAYS, SIDEWAYS] = 1.0
+            piece.factor, info = lapack.dpotrf(mass, 1, 0, 1)  # lower, in place
             if info:
                 names = [link.name for link in piece.whole.layout.links]
                 raise SingularError(
                     f"the mass matrix is singular in the piece {names[0]} to {names[-1]} of the chain: a hinge there can move "
                     f"without inertia. {' '.join(self.mechanism.warnings)}".rstrip()
                 )
-            np.dot(piece.right.T, piece.answer, out=gram[s])
+            piece.half = half = blas.dtrsm(1.0, piece.factor, right, 0, 1)
+            half.T.dot(half, piece.gram)
             before = piece
-        if last > 0:
-            self._join()
-        return self._collect()
-
-    def _evaluate(self, piece: _Piece, before: _Piece | None, q: Array, v: Array, tau: Array, joined: bool) -> None:
-        """Mass matrix, tau - h and the tip's Jacobian of one piece, in the axes of the link before it."""
-        piece.inner_q[:] = q[piece.in_q]
-        piece.inner_v[:] = v[piece.in_v]
-        if before is not None:
-            piece.v[piece.turn] += self._carried(piece, before.spin)
-        pin.crba(piece.model, piece.data, piece.q, pin.Convention.WORLD)
-        if joined:
-            piece.jacobian = pin.getFrameJacobian(piece.model, piece.data, piece.tip, pin.ReferenceFrame.LOCAL)
-            for k, axis in enumerate(self.axes):
-                piece.ends[:, k] = piece.jacobian[axis]
-        bias = pin.nonLinearEffects(piece.model, piece.data, piece.q, piece.v)
-        np.negative(bias, piece.load)
-        piece.load[len(bias) - len(piece.inner_v) :] += tau[piece.in_v]
-
-    def _carried(self, piece: _Piece, vector: Array) -> Array:
-        """Turn a vector of the link before into the axes of this piece's first link: R^T w; in a plane its part along -y."""
-        if self.plane:
-            return -vector[1:2]
-        x, y, z, w = piece.q[3:7].tolist()
-        a, b, c = vector.tolist()
-        d, e, f = 2.0 * (c * y - b * z), 2.0 * (a * z - c * x), 2.0 * (b * x - a * y)
-        return np.array([a - w * d + f * y - e * z, b - w * e + d * z - f * x, c - w * f + e * x - d * y])
-
-    def _tip_drift(self, piece: _Piece) -> Array:
-        """Acceleration of the tip at vdot = 0, less gravity, in the last link's axes: a + alpha x r + omega x (v + omega x r)."""
-        reach = piece.reach
-        (vx, vy, vz), (wx, wy, wz) = piece.velocity.tolist(), piece.spin.tolist()
-        (ax, ay, az), (_, alpha_y, alpha_z) = piece.drift.tolist(), piece.turning.tolist()
-        vy, vz = vy + wz * reach, vz - wy * reach
-        found = (
-            ax + wy * vz - wz * vy,
-            ay + alpha_z * reach + wz * vx - wx * vz,
-            az - alpha_y * reach + wx * vy - wy * vx,
-        )
-        return np.array([found[axis] for axis in self.axes])
 
     def _join(self) -> None:
         """Solve the banded system for the forces in the cut hinges."""
-        gram, base, tips, flat = self.gram, self.base, self.tips, self.band.ravel()
-        blocks = gram[:-1, tips, tips] + gram[1:, base, base]
-        flat[self.diagonal] = blocks[:, self.lower, self.columns]
-        flat[self.below] = -gram[1:-1, tips, base].reshape(self.below.shape)
-        right = self.tip_drift + gram[:-1, tips, 0] - gram[1:, base, 0]
-        _, forces, info = lapack.dpbsv(self.band, right.ravel(), lower=1)
+        gram, width = self.gram, self.width
+        band = self.products.take(self.first)
+        band += self.products.take(self.second)
+        right = self._tip_drift()
+        right -= gram[:-1, 1 + width :, 0]
+        right -= gram[1:, 1 : 1 + width, 0]
+        _, forces, info = lapack.dpbsv(band.T, right.ravel(), 1, overwrite_ab=1, overwrite_b=1)
         if info:
-            at = (info - 1) // self.width
+            at = (info - 1) // width
             name = self.pieces[at].whole.layout.links[-1].name
             raise SingularError(f"the hinge at the tip of {name!r} can move without inertia; give {name!r} a tip_mass")
-        forces = forces.reshape(-1, self.width)
-        self.weights[1:, base] = forces
-        self.weights[:-1, tips] = -forces
+        forces = forces.reshape(-1, width)
+        self.weights[1:, 1 : 1 + width] = forces
+        self.weights[:-1, 1 + width :] = forces
+
+    def _tip_drift(self) -> Array:
+        """Accelerations of the tips at vdot = 0, less gravity, in the last links' axes: a + alpha x r + w x (v + w x r)."""
+        forward, velocity, spin = self.motion[0], self.motion[1:3], self.motion[5:3:-1]
+        velocity += self.reach * spin
+        found = self.drift[:3].copy()
+        sideways = found[1:]
+        sideways += self.reach * self.drift[5:3:-1]
+        sideways += SIGNS * (spin * forward - self.motion[3] * velocity[::-1])
+        found[0] += spin[1] * velocity[1] - spin[0] * velocity[0]
+        return found[self.axes, :-1].T
 
     def _collect(self) -> Array:
         """Accelerations of all pieces; a ball's, relative to the link before: wdot - R^T wdot_p + w x R^T w_p."""
         before: _Piece | None = None
-        turning = np.zeros(3)
         for piece, weights in zip(self.pieces, self.weights, strict=True):
-            found = piece.answer.dot(weights)
-            last_turning = piece.jacobian[3:].dot(found) + piece.turning
+            piece.half.dot(weights, piece.found)
+            blas.dtrsv(piece.factor, piece.found, 1, 0, 1, 1, 0, 1)  # in place: L^-T
             if before is not None:
-                found[piece.turn] -= self._carried(piece, turning)
-                if not self.plane:
-                    (a, b, c), (x, y, z) = piece.v[3:6].tolist(), self._carried(piece, before.spin).tolist()
-                    found[3:6] += (b * z - c * y, c * x - a * z, a * y - b * x)
-            self.vdot[piece.in_v] = found[len(found) - len(piece.inner_v) :]
-            turning, before = last_turning, piece
-        return self.vdot
+                piece.turn.dot(before.tip_turning, piece.turned)
+            if piece.joined:
+                piece.angular.dot(piece.found, piece.tip_turning)
+                piece.tip_turning += piece.turning
+            before = piece
+        self.found[self.hinges] -= self.turned[1:]
+        if not self.plane:
+            spin, carried = self.v.take(self.cyclic), self.carried
+            carried[:, 3:] = carried[:, :2]
+            self.found[self.hinges] += spin[:, 1:4] * carried[1:, 2:] - spin[:, 2:] * carried[1:, 1:4]
+        return self.found.take(self.in_v, out=self.vdot, mode="clip")
 
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
         """Condition number of the worst piece's mass matrix, scaled to a unit diagonal, and its first and last link."""
         worst, names = 0.0, ["every coordinate"]
+        self.q[self.in_q] = q
         for piece in self.pieces:
-            piece.inner_q[:] = q[piece.in_q]
             mass = np.array(pin.crba(piece.model, piece.data, piece.q, pin.Convention.WORLD))
             if not np.isfinite(mass).all():
                 return np.inf, names
