@@ -150,8 +150,7 @@ def long_run(quick: bool = False) -> list[Finding]:
         ("rk4", "multiplier", 0.0),
         ("rk4", "multiplier", 5.0),
     ):
-        count = 500 * steps if method == "rk4" and edge == "reduction" and not quick else 50 * steps
-        count = steps if quick and not (method == "rk4" and edge == "reduction") else count
+        count = 500 * steps if not quick else 50 * steps if (method, edge) == ("rk4", "reduction") else steps
         now = march(turning_skier(), method, 2e-3, count, edge, gain)
         what = f"{count} steps of 2 ms, {method}, {edge}{f' with gain {gain:g}/s' if edge == 'multiplier' else ''}"
         done = f"{now['turns']:.0f} turns; energy drifts by {now['drift']:.1e}, quaternion norms by {now['norms']:.1e}"
