@@ -88,7 +88,7 @@ class Dense:
         product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
         subtract, hypot, calls = np.subtract, math.hypot, self.calls
         dy, tau, accelerations = np.zeros(size), np.zeros(nv), np.zeros(nv)
-        qdot, vdot = dy[:nq], dy[nq:end]
+        qdot, vdot, planar = dy[:nq], dy[nq:end], nq == nv  # planar: no quaternions, and rates are velocities
         prescribed, known, projecting = self.prescribed, self.system.known, self.projecting
         flat, (crossed, identity) = mass.ravel(order="K"), cross_of(known, nv)
         on_ski, last = layout.base == "ski", nv - 1
@@ -133,7 +133,7 @@ class Dense:
             vdot[...] = answer
             if not -HUGE < answer.item(0) + answer.item(last) < HUGE:  # what is not finite spreads to both
                 raise faults.not_finite(q, v, tau)
-            qdot[...] = product(model, raw, v)
+            qdot[...] = v if planar else product(model, raw, v)
             if on_ski:
                 norm = hypot(raw.item(2), raw.item(3))
                 dy[0] /= norm

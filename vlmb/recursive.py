@@ -35,19 +35,20 @@ def recursive(
     write, damped, dissipation, hypot = springs.write, bool(springs.dampers), springs.dissipation, math.hypot
     tau, dy = np.zeros(model.nv), np.zeros(size)
     qdot, vdot, last, roots = dy[:nq], dy[nq:end], model.nv - 1, _roots(mechanism)
+    planar = nq == model.nv  # no quaternions, and rates are velocities
 
     def rhs(t: float, y: Array) -> Array:
         calls[0] += 1
         raw, v = y[:nq], y[nq:end]
         write(y, tau)
-        found = aba(model, data, normalize(model, raw), v, tau)
+        found = aba(model, data, raw if planar else normalize(model, raw), v, tau)
         vdot[...] = found
         total = found.item(last)
         for k in roots:
             total += found.item(k)
         if not -HUGE < total < HUGE:
             raise faults.not_finite(normalize(model, raw), v, tau)
-        qdot[...] = product(model, raw, v)
+        qdot[...] = v if planar else product(model, raw, v)
         if sliding:  # along the heading alone; the map would bring the norm of (cos, sin) along
             cosine, sine = y.item(2), y.item(3)
             rate = y.item(nq) / hypot(cosine, sine)
