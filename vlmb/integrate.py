@@ -212,14 +212,15 @@ class Multistep:
             raise SimulationError("adams and bdf cannot run inside another of their runs: use method = 'dop853' for one of them")
         Multistep.busy = True
         try:
-            y = np.array(self.solver.integrate(t, step=one_step))
+            y: Array = self.solver.integrate(t, step=one_step)  # a new array each time
         except UserWarning:  # where warnings are errors, the solver has not noted that it gave up
             self.integrator.success = 0
         except RuntimeError:  # SciPy before 1.17: another run has taken VODE's one memory since
             raise SimulationError(INTERLEAVED) from None
         finally:
             Multistep.busy = False
-        self.guarded.check(self.integrator)
+        if self.guarded.error is not None or self.integrator.success != 1:
+            self.guarded.check(self.integrator)
         return y
 
 

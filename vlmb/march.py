@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 INSIDE = 1e-12  # relative distance kept from a break of a law
 LOOKS = 60.0  # [1/s] looks at events and angles; at times of their own, so that the choice of samples changes no motion
 LONGEST = 0.1  # [s] between two looks where a driver's steps are longer than 1 / LOOKS and no angle is read
-QUIET = 0.25  # [s] between two looks while right-hand sides themselves look at all that could happen
+QUIET = 0.5  # [s] between two looks while right-hand sides themselves look at all that could happen
 CLOSEST = 1e-7  # [s] between two looks
 SAME = 1e-9  # [s] a sample this near to a look is one
 
@@ -43,6 +43,7 @@ class March:
         self.method = find_method(run.method)
         self.watch = Watch(dynamics, run.fall, run.rtol, run.atol)
         self.watch.refuse_start(y)
+        self.projecting = dynamics.knife_edge == "projection"
         self.timed = bool(dynamics.actuation.channels or dynamics.prescribed)
         self.angles, self.reference = dynamics.reads_angles, np.array(dynamics.reference)
         self.calm = self.method.adaptive and not (self.method.stiff or self.angles)
@@ -90,13 +91,16 @@ class March:
         self.room = max(CLOSEST, self.dynamics.accept(self.t, self.y))
         self.look = self.t + (QUIET if self.quiet else min(1.0 / LOOKS, self.room))
         for target in [*self.times[(self.times > self.t) & (self.times < end)].tolist(), end]:
-            while self.t < target:
-                stop = self.look if self.look < target - SAME else target
-                self._advance(rhs, stop, end)
-                if stop >= min(self.look, end) - SAME:
-                    sentence = self._look()
-                    if sentence is not None:
-                        return sentence
+            while self.look < target - SAME:
+                self._advance(rhs, self.look, end)
+                sentence = self._look()
+                if sentence is not None:
+                    return sentence
+            self._advance(rhs, target, end)
+            if target >= min(self.look, end) - SAME:
+                sentence = self._look()
+                if sentence is not None:
+                    return sentence
             if target in self.wanted:
                 self._record(target, self.y)
             if self.tell is not None:
@@ -104,28 +108,30 @@ class March:
         return None
 
     def _advance(self, rhs: Rhs, stop: float, end: float) -> None:
-        self.stop = stop
-        run, method = self.options, self.method
+        self.stop, driver, run, method = stop, self.driver, self.options, self.method
         if method.adaptive and self.room < 2.0 * self.step:  # a step could pass over the swing of an azimuth
             self._leave_driver()
             self.done += 1
-            y = short_run(rhs, self.t, self.y, stop, run.rtol, run.atol)
+            self.y = short_run(rhs, self.t, self.y, stop, run.rtol, run.atol)
         else:
-            if self.driver is None:
+            if driver is None:
                 size = run.step or DEFAULT_STEP
-                self.driver = method.make(
+                driver = self.driver = method.make(
                     rhs, self.t, self.y, end, rtol=run.rtol, atol=run.atol, step_size=size, hard_end=self.timed
                 )
-            y = self.driver.advance(stop)
-        self.t, self.y = stop, y
-        if not y.dot(y) < HUGE * HUGE:
-            raise SimulationError("the state is no longer finite")
+            self.y = driver.advance(stop)
+        self.t = stop
 
     def _leave_driver(self) -> None:
         self.done, self.driver = self.steps, None
 
     def _look(self) -> str | None:
         """Take an event since the last look for the end of the run; else choose the time of the next look."""
+        if not self.y.dot(self.y) < HUGE * HUGE:
+            self.t, self.y = self.seen
+            while self.recorded and not np.isfinite(self.recorded[-1].y).all():
+                self.recorded.pop()
+            raise SimulationError("the state is no longer finite")
         sentence = self._ended(self.t)
         if sentence is not None:
             return sentence
@@ -154,7 +160,7 @@ class March:
         return f"stopped at t = {when:.6g} s: {sentence}."
 
     def _record(self, t: float, y: Array) -> None:
-        if self.dynamics.knife_edge == "projection":
+        if self.projecting:
             self.dynamics.unpack(t, y)  # a sample without a projection is none
         self.recorded.append(Sample(t, y, np.array(self.dynamics.reference) if self.angles else self.reference))
 
