@@ -40,32 +40,32 @@ class SegmentSprings:
     """Forces of the free segments' spring-dampers, F = -k (xi - rest) - c xidot, written into a buffer.
 
     `guarded`: whether every evaluation looks at the lengths, so that `near` tells when one came near its limits or left them.
+    `few`: indices into y and tau, stiffness, preload and near limits of each, where there are few.
     """
 
     def __init__(self, mechanism: Mechanism, size: int) -> None:
         self.near = False
         segments = list(free_segments(mechanism))
         self.dampers = [(mechanism.layout.nq + at.v, segment.damping) for segment, at in segments if segment.damping]
-        self.guarded = len(segments) <= FEW
-        self.write = self._one_by_one(mechanism, segments) if self.guarded else self._matrix(mechanism, size)
+        self.guarded, self.rates = len(segments) <= FEW, mechanism.layout.nq
+        self.few: list[tuple[int, int, float, float, float, float]] = []
+        for segment, at in segments if self.guarded else ():
+            start, k = at.length, segment.stiffness
+            low, high = (bound + NEAR * (start - bound) if math.isfinite(bound) else bound for bound in segment.bounds)
+            self.few.append((at.q, at.v, k, k * rest_length(segment), low, high))
+        self.write = self._one_by_one() if self.guarded else self._matrix(mechanism, size)
 
     def dissipation(self, y: Array) -> float:
         """Power lost in the dampers [W]."""
         return sum(damping * y.item(at) ** 2 for at, damping in self.dampers)
 
-    def _one_by_one(self, mechanism: Mechanism, segments: Sequence[tuple[Segment, SegmentIndex]]) -> Write:
+    def _one_by_one(self) -> Write:
         """Scalars: a fraction of numpy's time for few segments. Forces of others are left as they are."""
-        plain, damped = [], []
-        for segment, at in segments:
-            start, k, bounds = at.length, segment.stiffness, segment.bounds
-            low, high = (bound + NEAR * (start - bound) if math.isfinite(bound) else bound for bound in bounds)
-            plain.append((at.q, at.v, k, k * rest_length(segment), low, high))
-            if segment.damping:
-                damped.append((at.v, mechanism.layout.nq + at.v, segment.damping))
+        few, damped = self.few, [(at - self.rates, at, damping) for at, damping in self.dampers]
 
         def write(y: Array, tau: Array) -> None:
             item = y.item
-            for q, v, k, preload, low, high in plain:
+            for q, v, k, preload, low, high in few:
                 xi = item(q)
                 tau[v] = preload - k * xi
                 if not low < xi < high:
