@@ -30,7 +30,6 @@ import vlmb
 from vlmb.dynamics import Dynamics
 from vlmb.gains import largest_stable_step
 from vlmb.integrate import MAX_ITERATIONS, METHODS, ROOT
-from vlmb.springs import spring_matrix
 from vlmb.start import consistent_start
 
 SPRINGS: Table = {
@@ -236,8 +235,8 @@ def naive_rows(case: vlmb.Scene) -> str:
     bias = np.array(pin.nonLinearEffects(mechanism.model, mechanism.data, q, v))
     values = rows.evaluate(0.0, q, v, dynamics.reference)
     whole = np.block([[mass, -values.jacobian.T], [values.jacobian, np.zeros((rows.count, rows.count))]])
-    matrix, preload = spring_matrix(mechanism)
-    tau = matrix @ np.concatenate([q, v]) + preload
+    tau = np.zeros(len(v))
+    dynamics.springs.write(np.concatenate([q, v]), tau)
     try:
         answer = np.linalg.solve(whole, np.concatenate([tau - bias, -values.drift]))[: len(v)]
     except np.linalg.LinAlgError:

@@ -1,10 +1,10 @@
-"""Long chains: time, memory and error of every route over the number of links, from 10 to 1000.
+"""Long chains: time, memory and error of every route over the number of links, from 1 to 1000.
 
 Usage: python benchmarks/long_chains.py
 
 The chains and postures of rhs_cost.py on a pivot. Dense and recursive routes go through one Pinocchio model; sub-chains through
-one for every few links, joined by a banded solve. Error: accelerations beside mass points and Lagrange's equations in extended
-precision; beyond what that can factor, beside sub-chains of another length.
+closed forms of every link, joined by a banded solve. Error: accelerations beside mass points and Lagrange's equations in extended
+precision, as far as that can be factored.
 """
 
 from __future__ import annotations
@@ -24,21 +24,17 @@ import pinocchio as pin
 from rhs_cost import Array, chain, evaluation, measured, micro, posture, reference, resident
 
 import vlmb
-from vlmb.cuts import LONG_CHAIN, PIECE
+from vlmb.cuts import LONG_CHAIN
 from vlmb.dynamics import RECURSIVE_LINKS, Dynamics
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.style import BLACK, PALETTE
-from vlmb.subchains import SubChains
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LINKS = (10, 16, 20, 24, 28, 32, 40, 50, 64, 100, 200, 500, 1000)
+LINKS = (1, 2, 4, 8, 12, 16, 20, 24, 28, 32, 40, 50, 64, 100, 200, 500, 1000)
 ONE_MODEL = 100  # links whose single Data still fits into a few GB
 MASS_POINTS = 200  # links for which the reference can be factored in extended precision
-OTHER = 3  # links in a piece of the sub-chains that longer ones are compared with
-SIZES = (1, 2, 3, 4, 6, 8, 10, 12, 16, 24)
-AT = 100  # links at which sizes are compared
 STATES = 2
 RUN = (1000, 0.05)  # links, duration [s] of the run
 ROUTES = ("recursive", "dense", "subchains")
@@ -60,14 +56,12 @@ def errors(mechanism: Mechanism) -> dict[str, float]:
     links = len(mechanism.layout.links)
     found = dict.fromkeys(routes(links), 0.0)
     made = {route: Dynamics(mechanism, route=route) for route in found}
-    other = SubChains(mechanism, OTHER) if links > MASS_POINTS else None
+    if links > MASS_POINTS:
+        return {}
     for seed in range(STATES):
         drawn = posture(mechanism, seed)
         state = vlmb.State(pin.normalize(mechanism.model, drawn.q), drawn.v)
-        if other is None:
-            exact = reference(mechanism, state)
-        else:
-            exact = measured(mechanism.layout, state, other.accelerations(state.q, state.v))
+        exact = reference(mechanism, state)
         for route, dynamics in made.items():
             vdot = dynamics.rhs(0.0, dynamics.pack(state))[dynamics.nq : dynamics.nq + dynamics.nv]
             found[route] = max(found[route], relative(mechanism, state, vdot, exact))
@@ -79,24 +73,6 @@ def times(mechanism: Mechanism) -> dict[str, float]:
     links, state = len(mechanism.layout.links), posture(mechanism, 0)
     made = {route: Dynamics(mechanism, route=route) for route in routes(links)}
     return interleaved({name: evaluation(d, d.pack(state)) for name, d in made.items()}, repeats=20 if links <= 100 else 6)
-
-
-def sizes() -> dict[int, dict[str, float]]:
-    """Time, error and memory of sub-chains by the links in a piece."""
-    mechanism = build(chain("pivot", AT))
-    drawn = posture(mechanism, 0)
-    state = vlmb.State(pin.normalize(mechanism.model, drawn.q), drawn.v)
-    exact = reference(mechanism, state)
-    made = {size: SubChains(mechanism, size) for size in SIZES}
-    seconds = interleaved({str(s): (lambda c=c: c.accelerations(state.q, state.v)) for s, c in made.items()}, repeats=20)
-    return {
-        size: {
-            "time": seconds[str(size)],
-            "error": relative(mechanism, state, chains.accelerations(state.q, state.v), exact),
-            "memory": float(sum(data_bytes(piece.model.nv) for piece in chains.pieces)),
-        }
-        for size, chains in made.items()
-    }
 
 
 def memory(route: str, links: int) -> float:
@@ -141,9 +117,8 @@ def measure() -> dict[str, Any]:
         gc.collect()
         data["memory"][n] = {route: memory(route, n) for route in routes(n) if route != "recursive"}
         print(f"{n} links: {micro(data['time'][n]['subchains'])} us by sub-chains", flush=True)
-    data["sizes"] = sizes()
     data["run"] = run()
-    data |= {"recursive_links": RECURSIVE_LINKS, "long_chain": LONG_CHAIN, "piece": PIECE}
+    data |= {"recursive_links": RECURSIVE_LINKS, "long_chain": LONG_CHAIN}
     return data
 
 
@@ -173,29 +148,21 @@ def report(data: dict[str, Any]) -> str:
         "",
         "One evaluation of the right-hand side of a chain on a pivot (links as in [rhs_cost](rhs_cost.md)): processor time, the "
         "fastest of batches taken in turn, so read it as ratios; the largest relative error of accelerations beside mass points "
-        f"in extended precision up to {MASS_POINTS} links, beyond that the difference from sub-chains of {OTHER} links; and the "
-        "memory a process grows by. In brackets: an estimate of what does not fit.",
+        f"in extended precision up to {MASS_POINTS} links; and the memory a process grows by. In brackets: an estimate of what "
+        "does not fit.",
         "",
         table(header, rows),
         "",
         f"* From {LINKS[-3]} to {LINKS[-1]} links the time of sub-chains grows as n^{slope(ours):.2f}, "
         f"their memory as n^{slope(held):.2f}; `pinocchio.Data` of one model grows as n^3.",
-        f"* `simulate` takes one model up to {LONG_CHAIN} links, and sub-chains of {PIECE} links beyond, where the scene is a "
-        "chain with nothing but springs and dampers; else the dense route.",
+        f"* `simulate` takes one model up to {LONG_CHAIN} links, and sub-chains beyond, where the scene is a chain with nothing "
+        "but springs and dampers; else the dense route.",
         f"* A run of {data['run']['links']} links over {data['run']['duration']:g} s, rtol 1e-9: "
         f"{data['run']['rhs_evaluations']} evaluations, energy kept to {data['run']['balance']:.1e} of the largest kinetic one.",
         "",
         "![time, memory and error over the number of links](long_chains.png)",
-        "",
-        f"## Links in a piece, {AT} links",
-        "",
     ]
-    best = min(entry["time"] for entry in data["sizes"].values())
-    rows = [
-        (str(size), f"{entry['time'] / best:.2f}", f"{entry['error']:.1e}", f"{entry['memory'] / 2**20:.3g}")
-        for size, entry in data["sizes"].items()
-    ]
-    return "\n".join([*lines, table(("links in a piece", "time / fastest", "error", "Data of all pieces, MiB"), rows)])
+    return "\n".join(lines)
 
 
 def draw(data: dict[str, Any], figure: Figure) -> None:

@@ -19,6 +19,7 @@ from small_scenes import FIXED, PIVOT, SKI, Table, link, scene, table, write_tom
 
 import vlmb
 from vlmb import scene as scene_module
+from vlmb import tables
 from vlmb.simulate import check
 
 JARGON = ("$", "regex", "`object`", "`array`", "enum", "at `key`", "msgspec")
@@ -541,8 +542,8 @@ def test_deep_data_is_refused() -> None:
         deep = deep[0]
 
 
-TABLES = ("Scene", "Base", "Link", "Rod", "Segment", "Force", "Run", "Programme")
-KEYS = sorted({field.name for name in TABLES for field in msgspec.structs.fields(getattr(scene_module, name))})
+TABLES = (vlmb.Scene, tables.Base, tables.Link, tables.Rod, tables.Segment, tables.Force, tables.Run, tables.Programme)
+KEYS = sorted({field.name for kind in TABLES for field in msgspec.structs.fields(kind)})
 WORDS = ["pivot", "ski", "free", "fixed", "prescribed", "M_psi1", "a", "base"]
 GARBAGE = st.recursive(
     st.one_of(

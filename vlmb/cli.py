@@ -15,7 +15,7 @@ import msgspec
 
 from vlmb import bench, matrices, view
 from vlmb._version import __version__
-from vlmb.cuts import PIECE, cuts, is_cut
+from vlmb.cuts import is_cut
 from vlmb.errors import VlmbError
 from vlmb.integrate import METHODS
 from vlmb.mechanism import Mechanism, build, data_bytes
@@ -156,11 +156,10 @@ def _info(args: argparse.Namespace) -> int:
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
     print(f"  degrees of freedom  {held}")
-    pieces = cuts(scene, PIECE) if is_cut(scene) else []
     memory = data_bytes(layout.nv) / 2**20
     print(f"  state               {layout.nq} positions, {layout.nv} velocities; pinocchio.Data {memory:.2g} MiB")
-    if pieces:
-        print(f"  runs as             {len(pieces)} sub-chains, without that Data")
+    if is_cut(scene):
+        print("  runs as             sub-chains of one link each, without that Data")
     print("  joints")
     for joint, name in list(zip(mechanism.model.joints, mechanism.model.names, strict=True))[1:]:
         print(f"    {name:<20s} {joint.shortname().removeprefix('JointModel')}")

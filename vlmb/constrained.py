@@ -20,7 +20,7 @@ from vlmb.frames import LinkFrames
 from vlmb.gains import largest_stable_step
 from vlmb.mechanism import Mechanism
 from vlmb.programme import ProgrammeControl, control_channels, control_scales
-from vlmb.scene import DEFAULT_STEP, FIXED_STEP, Run
+from vlmb.tables import DEFAULT_STEP, FIXED_STEP, Run
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +23,9 @@ from vlmb.integrate import Rhs
 from vlmb.mechanism import Mechanism
 from vlmb.prescribed import prescribed_segments
 from vlmb.recursive import recursive
-from vlmb.scene import Run
 from vlmb.springs import SegmentSprings, direction_springs, free_segments
 from vlmb.subchains import SubChains
+from vlmb.tables import Run
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ class Dynamics:
         dampers += [segment.damping for segment, _ in free_segments(mechanism)]
         self.work_names = (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
         self.size = self.nq + self.nv + len(self.work_names)
-        self.springs = SegmentSprings(mechanism, self.size)
+        self.springs = SegmentSprings(mechanism)
         self.route = self._route(route, control)
         self.subchains = SubChains(mechanism) if self.route == "subchains" else None
         self.faults = Faults(mechanism, self.actuation, self.system, self.subchains)
@@ -142,7 +143,7 @@ class Dynamics:
         self._calls[0] = 0
 
     def _cut(self, chains: SubChains, sliding: bool) -> Rhs:
-        """Sub-chains: every piece a model of its own, joined by the forces in the cut hinges."""
+        """Sub-chains: every link a piece of its own, all at once in closed form."""
         model, nq, end, calls, damped = self.mechanism.model, self.nq, self.nq + self.nv, self._calls, bool(self.work_names)
         normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)
         qdot, vdot = dy[:nq], dy[nq:end]
@@ -160,7 +161,7 @@ class Dynamics:
                 dy[0] /= norm
                 dy[1] /= norm
             if damped:
-                dy[-1] = chains.dissipation(v)
+                dy[-1] = chains.dissipation()
             return dy
 
         return rhs
@@ -252,7 +253,7 @@ class Dynamics:
         """Whether a row, by its equation, is one of positions."""
         return any(row.holonomic for row in self.system.info if row.text == text)
 
-    @property
+    @cached_property
     def reads_angles(self) -> bool:
         """Whether forces need the branch of an angle, and so the last accepted sample."""
         angular = any(channel.kind in ("phi", "psi") for channel in self.actuation.channels)

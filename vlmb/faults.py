@@ -32,7 +32,7 @@ class Faults:
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
         """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
 
-        Of sub-chains, that of the worst piece.
+        Of sub-chains, that of the system for the accelerations of hinges.
         """
         model, data = self.mechanism.model, self.mechanism.data if self.subchains is None else None
         if self.subchains is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
-from vlmb.scene import Programme
+from vlmb.tables import Programme
 
 Array = NDArray[np.float64]
 

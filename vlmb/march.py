@@ -13,7 +13,7 @@ from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.events import Watch
 from vlmb.faults import HUGE
 from vlmb.integrate import Driver, Rhs, find_method, short_run
-from vlmb.scene import DEFAULT_STEP, Run
+from vlmb.tables import DEFAULT_STEP, Run
 from vlmb.trajectory import Sample
 
 Array = NDArray[np.float64]

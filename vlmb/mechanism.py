@@ -23,7 +23,8 @@ from vlmb.cuts import is_cut
 from vlmb.display import Displayed
 from vlmb.errors import SceneError, VlmbError
 from vlmb.expressions import evaluate, parse
-from vlmb.scene import BASE, Scene, Segment
+from vlmb.scene import Scene
+from vlmb.tables import BASE, Segment
 
 POINTS = ("hinge", "rod_start", "rod_end", "tip")
 # A thin rod has no axial inertia, and a ball joint then a singular matrix. Without axial torque any positive value

@@ -20,7 +20,7 @@ from vlmb.forces import Channel, channels, find_channel
 from vlmb.gains import gain_matrices, stability_report
 from vlmb.laws import Law, time_law
 from vlmb.mechanism import Mechanism
-from vlmb.scene import DEFAULT_STEP, FIXED_STEP, Programme, Run
+from vlmb.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 
 Array = NDArray[np.float64]
 

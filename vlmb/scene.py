@@ -2,150 +2,35 @@
 
 from __future__ import annotations
 
-import difflib
 import keyword
 import math
 import numbers
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_origin
+from typing import Annotated, Any
 
 import msgspec
 
 from vlmb.errors import SceneError, nearest
+from vlmb.explain import explain
 from vlmb.expressions import CONSTANTS, FUNCTIONS
+from vlmb.tables import BASE, Base, Force, Link, Name, NonNegative, Programme, Run, Segment, Table
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
-NAME, MAX_NAME = r"[A-Za-z][A-Za-z0-9_]*", 64
-ALLOWED_NAME = f"a name begins with a letter and has letters, digits and _, {MAX_NAME} at most"
-Name = Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}\Z", max_length=MAX_NAME)]
-Law: TypeAlias = float | str
-
 RESERVED = frozenset({"t", "speed", *FUNCTIONS, *CONSTANTS})
 MAX_LINKS = 2000
 MAX_DEPTH = 20
 TINIEST, LARGEST = 1e-50, 1e50  # sizes of numbers that products of several do not take out of range
 MAX_FILE_BYTES = 4_000_000
-BASE = "base"
 OWN_NAMES = (BASE, "heading", "ski")  # of the base, its direction and its joint
-FIXED_STEP = ("euler", "rk4", "gauss")
-DEFAULT_STEP = 1e-3  # [s]
 
 
-class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A table of the scene file: unknown keys are refused."""
-
-
-class Base(_Table, frozen=True, kw_only=True):
-    """What link 1 stands on: a hinge on the ground, a ski on the surface, or nothing."""
-
-    kind: Literal["pivot", "ski", "free"]
-    mass: NonNegative = 0.0  # [kg], ski; a point mass at the first hinge of a free base
-    inertia: NonNegative = 0.0  # [kg m^2], ski: vertical axis through its centre of mass
-    com_offset: float = 0.0  # [m], ski: centre of mass ahead of the knife-edge point
-
-
-class Rod(_Table, frozen=True, kw_only=True):
-    """The rigid massive part of a link; thin and uniform unless `com` and `inertia` say otherwise."""
-
-    length: NonNegative  # [m]
-    mass: NonNegative  # [kg]
-    com: float | None = None  # [m] from the rod's start
-    inertia: NonNegative | None = None  # [kg m^2] transverse, about the centre of mass
-
-    @property
-    def centre(self) -> float:
-        """Distance of the centre of mass from the rod's start [m]; l/2 for the paper's rod."""
-        return 0.5 * self.length if self.com is None else self.com
-
-    @property
-    def transverse_inertia(self) -> float:
-        """Transverse inertia about the centre of mass [kg m^2]; m l^2/12 for the paper's rod, so that (2.4) is m l^2/3."""
-        return self.mass * self.length**2 / 12.0 if self.inertia is None else self.inertia
-
-
-class Segment(_Table, frozen=True, kw_only=True):
-    """A massless part of a link: free, fixed, or prescribed by a law of time."""
-
-    length: float | None = None  # [m] start value of a free segment, value of a fixed one
-    motion: Literal["free", "fixed", "prescribed"] = "free"
-    law: Law | None = None  # [m], prescribed
-    stiffness: NonNegative = 0.0  # [N/m]
-    damping: NonNegative = 0.0  # [N s/m]
-    rest: float | None = None  # [m], default: length
-    limits: tuple[float, float] | None = None  # [m], default (0, inf)
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Limits [m] of the length; (0, inf) unless given."""
-        return self.limits or (0.0, math.inf)
-
-
-class Link(_Table, frozen=True, kw_only=True):
-    """One variable-length link: lower massless segment, rod, upper massless segment."""
-
-    rod: Rod
-    name: Name = ""
-    parent: Name = ""  # "" = the previous link, the base for the first
-    parent_point: Literal["tip", "rod_start", "rod_end"] = "tip"
-    lower: Segment = Segment(length=0.0, motion="fixed")
-    upper: Segment = Segment(length=0.0, motion="fixed")
-    tip_mass: NonNegative = 0.0  # [kg]
-
-    def segment(self, which: int) -> Segment:
-        """Return the lower (1) or upper (2) segment."""
-        return self.lower if which == 1 else self.upper
-
-
-class Force(_Table, frozen=True, kw_only=True):
-    """A generalized force by name and law, or a spring-damper between the directions of two links."""
-
-    on: str | None = None
-    law: Law | None = None
-    between: tuple[str, str] | None = None
-    stiffness: NonNegative = 0.0  # [N m/rad]
-    damping: NonNegative = 0.0  # [N m s/rad]
-    rest: float = 0.0  # [rad], angle between the two directions
-
-
-class Programme(_Table, frozen=True, kw_only=True):
-    """Servo constraints and the controls that enforce them (paper, section 5)."""
-
-    constraints: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
-    controls: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
-    frequency: Positive | tuple[Positive, ...] | None = None  # [rad/s]
-    damping_ratio: NonNegative | tuple[NonNegative, ...] = 1.0
-    gains: Literal["auto", "none"] | None = None  # none: H = K = 0, errors neither decay nor are checked
-    h: tuple[tuple[float, ...], ...] | None = None
-    k: tuple[tuple[float, ...], ...] | None = None
-    weights: dict[str, Positive] = {}  # R_s of the norm sum R_s u_s^2; default 1/scale^2
-    u0: Law | None = None  # the free scalar of (5.6), for one control more than rows
-    secondary: tuple[str, ...] = ()  # equations served in the null space, as far as it goes
-    secondary_frequency: Positive | None = None  # [rad/s], default: frequency
-
-
-class Run(_Table, frozen=True, kw_only=True):
-    """How to integrate; every key can be overridden by an argument of `simulate`."""
-
-    duration: Positive = 5.0  # [s]
-    method: Literal["euler", "rk4", "gauss", "dop853", "adams", "bdf", "radau"] = "adams"
-    rtol: Annotated[float, msgspec.Meta(ge=3e-14)] = 1e-8  # smaller ones are beyond double precision
-    atol: Positive = 1e-10
-    step: Positive | None = None  # [s], fixed-step methods
-    samples: Positive = 60.0  # output samples per second when no t_eval is given
-    knife_edge: Literal["reduction", "multiplier", "projection"] = "reduction"
-    gain: NonNegative = 5.0  # [1/s], Baumgarte gain of ideal rows and of the knife edge as a multiplier
-    fall: bool = True  # stop when a point of a link reaches the snow
-
-
-class Scene(_Table, frozen=True, kw_only=True):
+class Scene(Table, frozen=True, kw_only=True):
     """A whole scene. Coordinates refer to the snow surface; gravity is tilted by `slope` along +x."""
 
     name: str = "scene"
@@ -174,7 +59,7 @@ class Scene(_Table, frozen=True, kw_only=True):
         try:
             scene = msgspec.convert(data, Scene)
         except msgspec.ValidationError as error:
-            raise SceneError(f"{source}: {_explain(str(error), data)}") from None
+            raise SceneError(f"{source}: {explain(str(error), data, Scene)}") from None
         scene = msgspec.structs.replace(scene, links=_named(scene.links, source))
         _check(scene, source)
         return scene
@@ -254,91 +139,6 @@ def _plain(value: Any, source: str, key: str, depth: int = 0) -> Any:
     raise SceneError(f"{source}: {key} = {value!r:.80}: a scene has numbers, texts, lists and tables, no {type(value).__name__}")
 
 
-WORDS = {"object": "table", "array": "list", "str": "text", "int": "number", "float": "number", "bool": "true or false"}
-
-
-def _explain(message: str, data: dict[str, Any]) -> str:
-    """Turn a validation message into one that names the key path, the value found and the nearest valid key."""
-    text, _, path = message.partition(" - at `key` in `$" if " - at `key` in `$" in message else " - at `$")
-    path = path.rstrip("`").lstrip(".")
-    if " - at `key` in `$" in message:  # the name of a parameter
-        wrong = next((name for name in _lookup(data, path) if not re.fullmatch(NAME, name) or len(name) > MAX_NAME), "?")
-        return f"{path}: {wrong!r:.80} is no name: {ALLOWED_NAME}"
-    unknown = re.match(r"Object contains unknown field `(.*)`", text)
-    if unknown:
-        valid = _keys_of(path)
-        close = difflib.get_close_matches(unknown[1], valid, n=1, cutoff=0.5)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        where = f"{path}.{unknown[1]}" if path else unknown[1]
-        return f"unknown key {where!r:.200}; {hint}allowed here: {', '.join(valid)}"
-    missing = re.match(r"Object missing required field `(.*)`", text)
-    if missing:
-        where = f"{path}.{missing[1]}" if path else missing[1]
-        return f"missing key {where!r}"
-    if path.endswith("[...]"):  # one of a table's values: find which
-        path = path.removesuffix("[...]")
-        parent, _, key = path.rpartition(".")
-        kind = next(field.type for field in msgspec.structs.fields(_type_at(parent)) if field.name == key)
-        path = next((f"{path}.{name}" for name, entry in _lookup(data, path).items() if not _fits({name: entry}, kind)), path)
-    found = repr(_lookup(data, path))
-    found = found if len(found) <= 120 else found[:117] + "..."
-    if "enum" in text:
-        return f"{path} = {found}: allowed: {'pivot, ski, free' if path == 'base.kind' else _choices_of(path)}"
-    if "regex" in text or "length <=" in text:
-        return f"{path} = {found}: {ALLOWED_NAME}"
-    text = re.sub(r"`([^`]*)`", _in_words, text)
-    return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}"
-
-
-def _in_words(match: re.Match[str]) -> str:
-    return " or ".join(WORDS.get(word, word) for word in match[1].split(" | ") if word != "null")
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    try:
-        msgspec.convert(value, kind)
-    except msgspec.ValidationError:
-        return False
-    return True
-
-
-def _type_at(path: str) -> Any:
-    """Return the table type or field annotation at a key path such as `links[0].rod`."""
-    current: Any = Scene
-    tables = {"base": Base, "links": Link, "rod": Rod, "lower": Segment, "upper": Segment,
-              "forces": Force, "programme": Programme, "run": Run}  # fmt: skip
-    for part in filter(None, re.split(r"[.\[\]]+", re.sub(r"\[(\.\.\.|\d+)\]", "", path))):
-        current = tables.get(part, part)
-    return current
-
-
-def _keys_of(path: str) -> list[str]:
-    table = _type_at(path)
-    return [field.name for field in msgspec.structs.fields(table)] if isinstance(table, type) else []
-
-
-def _choices_of(path: str) -> str:
-    parent, _, key = path.rpartition(".")
-    table = _type_at(parent)
-    if not isinstance(table, type):
-        return ""
-    for field in msgspec.structs.fields(table):
-        if field.name == key:
-            kinds = [field.type, *getattr(field.type, "__args__", ())]  # a Literal, or a union with one
-            choices = next((kind.__args__ for kind in kinds if get_origin(kind) is Literal), ())
-            return ", ".join(map(str, choices))
-    return ""
-
-
-def _lookup(data: Any, path: str) -> Any:
-    try:
-        for part in filter(None, re.split(r"[.\[\]]+", path)):
-            data = data[int(part)] if isinstance(data, (list, tuple)) else data[part]
-    except (KeyError, IndexError, ValueError, TypeError):
-        return "?"
-    return data
-
-
 def _named(links: tuple[Link, ...], source: str) -> tuple[Link, ...]:
     """Give every link its name and parent, spelled out."""
     if len(links) > MAX_LINKS:
@@ -411,7 +211,7 @@ def _check(scene: Scene, source: str) -> None:
 
 
 def _check_segment(segment: Segment, key: str, refuse: Any) -> None:
-    low, high = segment.limits or (0.0, math.inf)
+    low, high = segment.bounds
     if not low < high:
         refuse(f"{key}.limits", f"must be [low, high] with low < high, not {list(segment.limits or ())}")
     if segment.motion == "prescribed":

@@ -20,8 +20,8 @@ from vlmb.course import course
 from vlmb.looks import Look, look_of
 from vlmb.mechanism import Mechanism
 from vlmb.sampling import at_times, smooth
-from vlmb.scene import Base, Link
 from vlmb.shapes import Lines, Mesh
+from vlmb.tables import Base, Link
 from vlmb.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -21,8 +21,9 @@ from vlmb.laws import law_breaks, law_jump
 from vlmb.march import March
 from vlmb.mechanism import Mechanism, build
 from vlmb.prescribed import prescribed_segments
-from vlmb.scene import Run, Scene, load_scene
+from vlmb.scene import Scene, load_scene
 from vlmb.start import Start, consistent_start
+from vlmb.tables import Run
 from vlmb.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -8,32 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas
 
 from vlmb.coordinates import SegmentIndex
 from vlmb.errors import SceneError, SingularError, nearest
 from vlmb.frames import LinkFrames, Vector, between
 from vlmb.mechanism import Mechanism
-from vlmb.scene import BASE, Segment
+from vlmb.tables import BASE, Segment
 
 Array = NDArray[np.float64]
 Write = Callable[[Array, Array], None]
 
 FADE = 0.02  # [rad] angle below which a damper between directions fades
-FEW = 6  # segments that are faster one by one than as a matrix
+FEW = 8  # segments that are faster one by one than all at once
 NEAR = 0.2  # of the way from the start to a limit: a length that comes so near to it is told
 HEADING = "heading"  # the base's horizontal direction in `between`; "base" is the surface normal
-
-
-def spring_matrix(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Return S (nv, nq + nv) and s (nv,) with tau = S (q, v) + s for F = -k (xi - rest) - c xidot."""
-    layout = mechanism.layout
-    matrix, preload = np.zeros((layout.nv, layout.nq + layout.nv)), np.zeros(layout.nv)
-    for segment, at in free_segments(mechanism):
-        matrix[at.v, at.q] = -segment.stiffness
-        matrix[at.v, layout.nq + at.v] = -segment.damping
-        preload[at.v] = segment.stiffness * rest_length(segment)
-    return matrix, preload
 
 
 class SegmentSprings:
@@ -43,7 +31,7 @@ class SegmentSprings:
     `few`: indices into y and tau, stiffness, preload and near limits of each, where there are few.
     """
 
-    def __init__(self, mechanism: Mechanism, size: int) -> None:
+    def __init__(self, mechanism: Mechanism) -> None:
         self.near = False
         segments = list(free_segments(mechanism))
         self.dampers = [(mechanism.layout.nq + at.v, segment.damping) for segment, at in segments if segment.damping]
@@ -53,14 +41,14 @@ class SegmentSprings:
             start, k = at.length, segment.stiffness
             low, high = (bound + NEAR * (start - bound) if math.isfinite(bound) else bound for bound in segment.bounds)
             self.few.append((at.q, at.v, k, k * rest_length(segment), low, high))
-        self.write = self._one_by_one() if self.guarded else self._matrix(mechanism, size)
+        self.write = self._one_by_one() if self.guarded else self._at_once(segments)
 
     def dissipation(self, y: Array) -> float:
         """Power lost in the dampers [W]."""
         return sum(damping * y.item(at) ** 2 for at, damping in self.dampers)
 
     def _one_by_one(self) -> Write:
-        """Scalars: a fraction of numpy's time for few segments. Forces of others are left as they are."""
+        """Scalars, a fraction of numpy's time for few segments; tau is left as it is elsewhere."""
         few, damped = self.few, [(at - self.rates, at, damping) for at, damping in self.dampers]
 
         def write(y: Array, tau: Array) -> None:
@@ -75,14 +63,24 @@ class SegmentSprings:
 
         return write
 
-    def _matrix(self, mechanism: Mechanism, size: int) -> Write:
-        matrix, preload = spring_matrix(mechanism)
-        wide, gemv = np.zeros((len(preload), size), order="F"), blas.dgemv
-        wide[:, : matrix.shape[1]] = matrix
+    def _at_once(self, segments: Sequence[tuple[Segment, SegmentIndex]]) -> Write:
+        """The same by numpy for many."""
+        q, v = (np.array([getattr(at, name) for _, at in segments], dtype=np.intp) for name in "qv")
+        minus_k = np.array([-segment.stiffness for segment, _ in segments])
+        preload = np.array([segment.stiffness * rest_length(segment) for segment, _ in segments])
+        rates, damped = self.rates + v, bool(self.dampers)
+        minus_c = np.array([-segment.damping for segment, _ in segments])
+        forces, losses, multiply, add = np.zeros(len(v)), np.zeros(len(v)), np.multiply, np.add
 
         def write(y: Array, tau: Array) -> None:
-            tau[...] = preload
-            gemv(1.0, wide, y, 1.0, tau, 0, 1, 0, 1, 0, 1)  # in place
+            y.take(q, None, forces, "clip")
+            multiply(forces, minus_k, forces)
+            add(forces, preload, forces)
+            if damped:
+                y.take(rates, None, losses, "clip")
+                multiply(losses, minus_c, losses)
+                add(forces, losses, forces)
+            tau[v] = forces
 
         return write
 

@@ -17,6 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from vlmb._version import __version__
+from vlmb.bars import chain_energies
 from vlmb.coordinates import kinematics, read_samples
 from vlmb.display import Displayed
 from vlmb.dynamics import Dynamics
@@ -24,11 +25,11 @@ from vlmb.errors import TrajectoryError, VlmbError, nearest
 from vlmb.forces import View
 from vlmb.integrate import find_method
 from vlmb.mechanism import POINTS, Mechanism, build
-from vlmb.scene import DEFAULT_STEP, Run, Scene
+from vlmb.scene import Scene
 from vlmb.springs import spring_energy
 from vlmb.start import Start
 from vlmb.storage import read_arrays, write_arrays, write_columns
-from vlmb.subchains import chain_energies
+from vlmb.tables import DEFAULT_STEP, Run
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,125 @@
+"""The tables of a scene file: base, links, forces, programme and run, as frozen data."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, TypeAlias
+
+import msgspec
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+NAME, MAX_NAME = r"[A-Za-z][A-Za-z0-9_]*", 64
+ALLOWED_NAME = f"a name begins with a letter and has letters, digits and _, {MAX_NAME} at most"
+Name = Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}\Z", max_length=MAX_NAME)]
+Law: TypeAlias = float | str
+
+BASE = "base"
+FIXED_STEP = ("euler", "rk4", "gauss")
+DEFAULT_STEP = 1e-3  # [s]
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A table of the scene file: unknown keys are refused."""
+
+
+class Base(Table, frozen=True, kw_only=True):
+    """What link 1 stands on: a hinge on the ground, a ski on the surface, or nothing."""
+
+    kind: Literal["pivot", "ski", "free"]
+    mass: NonNegative = 0.0  # [kg], ski; a point mass at the first hinge of a free base
+    inertia: NonNegative = 0.0  # [kg m^2], ski: vertical axis through its centre of mass
+    com_offset: float = 0.0  # [m], ski: centre of mass ahead of the knife-edge point
+
+
+class Rod(Table, frozen=True, kw_only=True):
+    """The rigid massive part of a link; thin and uniform unless `com` and `inertia` say otherwise."""
+
+    length: NonNegative  # [m]
+    mass: NonNegative  # [kg]
+    com: float | None = None  # [m] from the rod's start
+    inertia: NonNegative | None = None  # [kg m^2] transverse, about the centre of mass
+
+    @property
+    def centre(self) -> float:
+        """Distance of the centre of mass from the rod's start [m]; l/2 for the paper's rod."""
+        return 0.5 * self.length if self.com is None else self.com
+
+    @property
+    def transverse_inertia(self) -> float:
+        """Transverse inertia about the centre of mass [kg m^2]; m l^2/12 for the paper's rod, so that (2.4) is m l^2/3."""
+        return self.mass * self.length**2 / 12.0 if self.inertia is None else self.inertia
+
+
+class Segment(Table, frozen=True, kw_only=True):
+    """A massless part of a link: free, fixed, or prescribed by a law of time."""
+
+    length: float | None = None  # [m] start value of a free segment, value of a fixed one
+    motion: Literal["free", "fixed", "prescribed"] = "free"
+    law: Law | None = None  # [m], prescribed
+    stiffness: NonNegative = 0.0  # [N/m]
+    damping: NonNegative = 0.0  # [N s/m]
+    rest: float | None = None  # [m], default: length
+    limits: tuple[float, float] | None = None  # [m], default (0, inf)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Limits [m] of the length; (0, inf) unless given."""
+        return self.limits or (0.0, math.inf)
+
+
+class Link(Table, frozen=True, kw_only=True):
+    """One variable-length link: lower massless segment, rod, upper massless segment."""
+
+    rod: Rod
+    name: Name = ""
+    parent: Name = ""  # "" = the previous link, the base for the first
+    parent_point: Literal["tip", "rod_start", "rod_end"] = "tip"
+    lower: Segment = Segment(length=0.0, motion="fixed")
+    upper: Segment = Segment(length=0.0, motion="fixed")
+    tip_mass: NonNegative = 0.0  # [kg]
+
+    def segment(self, which: int) -> Segment:
+        """Return the lower (1) or upper (2) segment."""
+        return self.lower if which == 1 else self.upper
+
+
+class Force(Table, frozen=True, kw_only=True):
+    """A generalized force by name and law, or a spring-damper between the directions of two links."""
+
+    on: str | None = None
+    law: Law | None = None
+    between: tuple[str, str] | None = None
+    stiffness: NonNegative = 0.0  # [N m/rad]
+    damping: NonNegative = 0.0  # [N m s/rad]
+    rest: float = 0.0  # [rad], angle between the two directions
+
+
+class Programme(Table, frozen=True, kw_only=True):
+    """Servo constraints and the controls that enforce them (paper, section 5)."""
+
+    constraints: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    controls: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    frequency: Positive | tuple[Positive, ...] | None = None  # [rad/s]
+    damping_ratio: NonNegative | tuple[NonNegative, ...] = 1.0
+    gains: Literal["auto", "none"] | None = None  # none: H = K = 0, errors neither decay nor are checked
+    h: tuple[tuple[float, ...], ...] | None = None
+    k: tuple[tuple[float, ...], ...] | None = None
+    weights: dict[str, Positive] = {}  # R_s of the norm sum R_s u_s^2; default 1/scale^2
+    u0: Law | None = None  # the free scalar of (5.6), for one control more than rows
+    secondary: tuple[str, ...] = ()  # equations served in the null space, as far as it goes
+    secondary_frequency: Positive | None = None  # [rad/s], default: frequency
+
+
+class Run(Table, frozen=True, kw_only=True):
+    """How to integrate; every key can be overridden by an argument of `simulate`."""
+
+    duration: Positive = 5.0  # [s]
+    method: Literal["euler", "rk4", "gauss", "dop853", "adams", "bdf", "radau"] = "adams"
+    rtol: Annotated[float, msgspec.Meta(ge=3e-14)] = 1e-8  # smaller ones are beyond double precision
+    atol: Positive = 1e-10
+    step: Positive | None = None  # [s], fixed-step methods
+    samples: Positive = 60.0  # output samples per second when no t_eval is given
+    knife_edge: Literal["reduction", "multiplier", "projection"] = "reduction"
+    gain: NonNegative = 5.0  # [1/s], Baumgarte gain of ideal rows and of the knife edge as a multiplier
+    fall: bool = True  # stop when a point of a link reaches the snow
