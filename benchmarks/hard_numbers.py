@@ -119,7 +119,7 @@ def march(
         y = driver.advance(step * steps * k / 1000.0) if k else y
         q, v = dynamics.unpack(0.0, y)
         energy = pin.computeKineticEnergy(model, data, q, v) + pin.computePotentialEnergy(model, data, q)
-        energy += float(vlmb.trajectory.spring_energy(mechanism, q[None])[0])
+        energy += float(vlmb.springs.spring_energy(mechanism, q[None])[0])
         pin.crba(model, data, q, pin.Convention.WORLD)
         energy += sum(spring.energy(dynamics.frames) for spring in dynamics.direction_springs)
         first = energy if k == 0 else first

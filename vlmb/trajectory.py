@@ -17,25 +17,22 @@ import scipy
 from numpy.typing import NDArray
 
 from vlmb._version import __version__
-from vlmb.bars import chain_energies
 from vlmb.coordinates import kinematics, read_samples
 from vlmb.display import Displayed
 from vlmb.dynamics import Dynamics
-from vlmb.errors import TrajectoryError, VlmbError, nearest
+from vlmb.errors import TrajectoryError, nearest
 from vlmb.forces import View
-from vlmb.integrate import find_method
+from vlmb.histories import ENERGIES, SNOW, energies_along, forces_along
 from vlmb.mechanism import POINTS, Mechanism, build
 from vlmb.scene import Scene
-from vlmb.springs import spring_energy
 from vlmb.start import Start
 from vlmb.storage import read_arrays, write_arrays, write_columns
-from vlmb.tables import DEFAULT_STEP, Run
+from vlmb.summary import summarize
+from vlmb.tables import Run
 
 Array = NDArray[np.float64]
 
 ARRAYS = ("t", "q", "v", "work", "asked", "reference")  # what a file holds
-SNOW = ("normal", "roll_moment", "pitch_moment")
-ENERGIES = ("kinetic", "potential", "spring", "energy", "work", "dissipated", "balance")
 
 
 class Residual(NamedTuple):
@@ -247,69 +244,12 @@ class Trajectory(Displayed):
 
     @cached_property
     def _evaluations(self) -> dict[str, Any]:
-        """Forces at every sample, in one pass."""
-        dynamics, values = self._dynamics, self._coordinates[0]
-        links = self.mechanism.layout.links
-        texts = [row.text for row in dynamics.system.info]
-        ideal = texts[: dynamics.system.ideal]
-        found: dict[str, Any] = {"reactions": {name: np.zeros(len(self)) for name in ("knife_edge", *SNOW, *ideal)}}
-        found["residuals"] = {name: (np.zeros(len(self)), np.zeros(len(self))) for name in texts}
-        found["powers"] = {name: np.zeros(len(self)) for name in dynamics.work_names}
-        found["controls"] = {name: np.zeros(len(self)) for name in dynamics.work_names}
-        found["hinges"], found["hinge_torques"] = np.zeros((len(self), len(links), 3)), np.zeros((len(self), len(links), 3))
-        found["conditions"], programme = np.ones(len(self)), dynamics.system.programme
-        data = self.mechanism.data
-        for i in range(len(self)):
-            dynamics.reference = values[i].tolist()
-            try:
-                now = dynamics.evaluate(float(self.t[i]), np.concatenate([self.q[i], self.v[i], self.work[i]]))
-            except VlmbError:
-                if self.status == "failed":
-                    continue  # where a run fails there may be no forces
-                raise
-            for name, value in now.controls.items():
-                found["controls"][name][i] = value
-            for name, value in now.powers.items():
-                found["powers"][name][i] = value
-            for name, value in now.reactions.items():
-                found["reactions"][name][i] = value
-            for name, (position, velocity) in now.residuals.items():
-                found["residuals"][name][0][i], found["residuals"][name][1][i] = position, velocity
-            if now.knife_edge is not None:
-                found["reactions"]["knife_edge"][i] = now.knife_edge
-                snow = data.f[1]
-                found["reactions"]["normal"][i] = snow.linear[2]
-                found["reactions"]["roll_moment"][i], found["reactions"]["pitch_moment"][i] = snow.angular[0], snow.angular[1]
-            pin.forwardKinematics(self.mechanism.model, data, self.q[i])
-            for k, link in enumerate(links):
-                turn, force = data.oMi[link.joint].rotation, data.f[link.joint]
-                found["hinges"][i, k], found["hinge_torques"][i, k] = turn @ force.linear, turn @ force.angular
-            if programme is not None:
-                found["conditions"][i] = programme.rank(programme.effect)[1]
-        return found
+        values = self._coordinates[0]
+        return forces_along(self._dynamics, self.t, self.q, self.v, self.work, values, self.status == "failed")
 
     @cached_property
     def _energies(self) -> dict[str, Array]:
-        dynamics, spring = self._dynamics, spring_energy(self.mechanism, self.q)
-        if dynamics.subchains is not None:
-            kinetic, potential = chain_energies(self.mechanism, self.q, self.v)
-        else:
-            model, data = self.mechanism.model, self.mechanism.data
-            kinetic = np.array([pin.computeKineticEnergy(model, data, q, v) for q, v in zip(self.q, self.v, strict=True)])
-            potential = np.array([pin.computePotentialEnergy(model, data, q) for q in self.q])
-        for i in range(len(self) if dynamics.direction_springs else 0):
-            pin.crba(self.mechanism.model, self.mechanism.data, self.q[i], pin.Convention.WORLD)
-            spring[i] += sum(entry.energy(dynamics.frames) for entry in dynamics.direction_springs)
-        total = kinetic + potential + spring
-        work, lost = np.zeros(len(self)), np.zeros(len(self))
-        for name, done in self.work_by_force.items():
-            if name == "dissipation":
-                lost = done
-            else:
-                work = work + done
-        balance = total - total[0] - (work - work[0]) + (lost - lost[0])
-        values = (kinetic, potential, spring, total, work, lost, balance)
-        return dict(zip(ENERGIES, values, strict=True))
+        return energies_along(self._dynamics, self.q, self.v, self.work_by_force)
 
     def _of_link(self, name: str) -> Array:
         names = [entry.name for entry in self.mechanism.layout.links]
@@ -365,42 +305,8 @@ class Trajectory(Displayed):
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
-        wall = max(self.stats["wall_time"], 1e-9)
-        fixed = not find_method(self.run.method).adaptive
-        options = f"step {self.run.step or DEFAULT_STEP:g} s" if fixed else f"rtol {self.run.rtol:g}, atol {self.run.atol:g}"
-        off = float(np.abs(self["balance"]).max())
-        share = off / max(float(self["kinetic"].max()), 1e-300)
-        lines = [
-            f"{self.scene.name}: {self.message}",
-            f"  simulated        {self.t[-1]:.6g} s in {wall:.3g} s ({self.t[-1] / wall:.3g} times real time)",
-            f"  method           {self.run.method} ({options}), {self.stats['steps']} steps, "
-            f"{self.stats['rhs_evaluations']} right-hand sides",
-            f"  energy balance   {off:.2e} J ({share:.1e} of the largest kinetic energy)",
-        ]
-        for name in self.residuals:
-            residual = self.residuals[name]
-            position = "" if residual.position is None else f"{np.abs(residual.position).max():.2e}, "
-            unit = "m/s" if name == "knife_edge" else "/s"
-            lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} {unit}")
-        programme = self._dynamics.system.programme
-        if programme is not None:
-            lines.append(f"  programme        {programme.report}; condition of G up to {self.conditions.max():.4g}")
-        if "knife_edge" in self.reactions:
-            edge, normal = self.reactions["knife_edge"], self.reactions["normal"]
-            lines.append(f"  edge force       up to {np.abs(edge).max():.4g} N")
-            lines.append(f"  normal force     {normal.min():.4g} to {normal.max():.4g} N")
-            if normal.min() < 0.0:
-                first = float(self.t[np.argmax(normal < 0.0)])
-                lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
-        for name in self.controls:
-            values = self.controls[name]
-            power = self.power(name)
-            lines.append(
-                f"  control          {name}: up to {np.abs(values).max():.4g}, power {np.abs(power).max():.4g} W at most and "
-                f"{np.abs(power).mean():.4g} W on average, work {self.work_by_force[name][-1]:.4g} J"
-            )
-        lines += [f"  note             {repair}" for repair in self.repairs]
-        return "\n".join(lines)
+        programme, condition = self._dynamics.system.programme, self.conditions.max(initial=0.0)  # which the report goes by
+        return summarize(self, f"{programme.report}; condition of G up to {condition:.4g}" if programme else "")
 
 
 def versions() -> dict[str, str]:
