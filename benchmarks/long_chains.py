@@ -24,8 +24,8 @@ import pinocchio as pin
 from rhs_cost import Array, chain, evaluation, measured, micro, posture, reference, resident
 
 import vlmb
-from vlmb.cuts import LONG_CHAIN
-from vlmb.dynamics import RECURSIVE_LINKS, Dynamics
+from vlmb.dynamics import Dynamics
+from vlmb.long_chains import LONG_CHAIN
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.style import BLACK, PALETTE
 
@@ -118,7 +118,7 @@ def measure() -> dict[str, Any]:
         data["memory"][n] = {route: memory(route, n) for route in routes(n) if route != "recursive"}
         print(f"{n} links: {micro(data['time'][n]['subchains'])} us by sub-chains", flush=True)
     data["run"] = run()
-    data |= {"recursive_links": RECURSIVE_LINKS, "long_chain": LONG_CHAIN}
+    data |= {"long_chain": LONG_CHAIN}
     return data
 
 

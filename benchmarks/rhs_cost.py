@@ -31,7 +31,8 @@ from scipy.linalg import lapack
 import vlmb
 from vlmb.coordinates import Layout
 from vlmb.dense import cross_of
-from vlmb.dynamics import RECURSIVE_LINKS, Dynamics
+from vlmb.dynamics import Dynamics
+from vlmb.long_chains import LONG_CHAIN
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.style import BLACK, GREY, PALETTE
 
@@ -481,7 +482,7 @@ def report(data: dict[str, Any]) -> str:
     lines += [f"* {base}, ahead in time: {crossover(data['time'][base])}." for base in BASES]
     lines += [f"* {base}, ahead in error: {crossover(data['error'][base])}." for base in BASES]
     lines += [
-        f"* `simulate` takes the recursive route for spring-dampers up to {RECURSIVE_LINKS} links; longer chains go as "
+        f"* `simulate` takes the recursive route for spring-dampers up to {LONG_CHAIN} links; longer chains go as "
         "[sub-chains](long_chains.md) where they can be cut; the rest is dense.",
         "",
         "![time and error of both routes](rhs_cost.png)",

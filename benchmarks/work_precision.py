@@ -119,9 +119,11 @@ def nearby_rows(name: str, found: dict[str, list[list[float]]]) -> list[list[str
     for label, ratios in found.items():
         row = [f"{name}: {label}"]
         for k, values in enumerate(zip(*ratios, strict=True)):
-            middle, target = float(np.median(values)), TARGETS[name][k]
+            reached, target = [value for value in values if math.isfinite(value)], TARGETS[name][k]
+            middle = float(np.median(reached))
             verdict = "met" if middle <= target else "missed"
-            row.append(f"{middle:.2f}, {min(values):.2f} to {max(values):.2f} ({verdict}: {target:.2f})")
+            fewer = f" of {len(reached)}" if len(reached) < len(values) else ""
+            row.append(f"{middle:.2f}, {min(reached):.2f} to {max(reached):.2f}{fewer} ({verdict}: {target:.2f})")
         rows.append(row)
     return rows
 
@@ -174,7 +176,8 @@ def page(found: dict[str, tuple[Measured, dict[str, Any]]]) -> str:
             *notes,
             "",
             f"Where one start alone decides, chance does too: a run's error may happen to be small. So the scenes with a target "
-            f"were run from {NEARBY} starts near their own; median of the ratios, least and largest:",
+            f"were run from {NEARBY} starts near their own; median of the ratios, least and largest, of those that reach the "
+            "error on both sides:",
             "",
             table(header, near),
             "",
@@ -237,7 +240,11 @@ def stored() -> tuple[dict[str, tuple[Measured, dict[str, Any]]], str]:
         own = {key: tuple(pair) for key, pair in scene["reference error"].items()}
         entry = Measured(scene["scene"], scene["duration"], scene["reference"], own, entries, scene["left out"])
         points = {label: [tuple(point) for point in line] for label, line in scene["points"].items()}
-        found[name] = (entry, {"points": points, "notes": scene["notes"], "nearby": scene.get("nearby")})
+        near = {  # null stands for what was not reached
+            label: [[math.nan if ratio is None else ratio for ratio in ratios] for ratios in starts]
+            for label, starts in scene.get("nearby", {}).items()
+        }
+        found[name] = (entry, {"points": points, "notes": scene["notes"], "nearby": near})
     return found, machine
 
 

@@ -16,8 +16,8 @@ from witness import Witness
 import vlmb
 from vlmb.bars import chain_energies
 from vlmb.constrained import SIDEWAYS
-from vlmb.cuts import LONG_CHAIN, obstacle
-from vlmb.dynamics import RECURSIVE_LINKS, Dynamics
+from vlmb.dynamics import Dynamics
+from vlmb.long_chains import LONG_CHAIN, obstacle
 from vlmb.subchains import SubChains
 
 RESULTS = Path(__file__).resolve().parents[1] / "benchmarks" / "results"
@@ -297,7 +297,7 @@ def test_bounds_of_the_recursive_route_follow_from_the_measurements() -> None:
     for base in ("pivot", "ski"):
         for text, seconds in data["time"][base].items():
             n, error = int(text), data["error"][base][text]
-            if n <= RECURSIVE_LINKS:
+            if n <= LONG_CHAIN:
                 assert seconds["recursive"] < seconds["dense"], (base, n)
                 assert error["recursive"] < 2.0 * max(error["dense"], 1e-14), (base, n)
             else:

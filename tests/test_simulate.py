@@ -7,6 +7,7 @@ import io
 import json
 import math
 import pickle
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -301,6 +302,97 @@ def test_a_limit_far_from_the_start_is_met_between_two_rare_looks(method: str) -
         if stops:
             expected = (x - math.sqrt(low**2 - nearest**2)) / speed
             assert trajectory.t[-1] == pytest.approx(expected, abs=1e-6)
+
+
+# Between two rare looks ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["adams", "dop853", "bdf"])
+@pytest.mark.parametrize("beyond", [1e-3, 1e-4])
+@pytest.mark.parametrize("stiffness", [40.0, 47.0, 55.0])
+def test_a_leg_that_starts_far_from_the_limit_at_its_length(method: str, beyond: float, stiffness: float) -> None:
+    """One swing of a leg crouched at the start just passes its full length, which is its limit."""
+    leg = {"length": 2.0, "rest": 1.25, "stiffness": stiffness, "limits": [0.1, 2.0]}
+    bob = {"rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": leg}
+    swinging = scene(PIVOT, [bob], gravity=0.0, start={"psi1": 0.3, "xi1_1": 0.5 - beyond}, run={})
+    trajectory = vlmb.simulate(swinging, duration=0.9, method=method, t_eval=[0.9])
+    assert "xi1_1 reached its limit 2 m" in trajectory.message
+    assert trajectory.t[-1] == pytest.approx(math.acos(-0.75 / (0.75 + beyond)) / math.sqrt(stiffness), abs=1e-5)
+
+
+def swinger(high: float) -> vlmb.Scene:
+    leg = {"length": 0.7, "rest": 0.6, "stiffness": 40.0, "limits": [0.01, high]}
+    bob = {"rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": leg}
+    return scene(PIVOT, [bob], start={"psi1": -0.4, "phi1_dot": 2.0, "psi1_dot": 1.0, "xi1_1_dot": 0.5})
+
+
+@pytest.mark.parametrize("below", [1e-12, 1e-10, 1e-8, 1e-6, 1e-4])
+@pytest.mark.parametrize("when", [1.0 / 60.0 + 0.5, 0.5])
+def test_an_event_on_a_look_is_not_lost(below: float, when: float) -> None:
+    free = vlmb.simulate(swinger(50.0), duration=3.0, rtol=1e-6, atol=1e-8, t_eval=[when, 3.0])
+    trajectory = vlmb.simulate(swinger(free["xi1_1"][0] - below), duration=3.0, rtol=1e-6, atol=1e-8, t_eval=[3.0])
+    assert trajectory.status == "stopped"
+    assert trajectory.t[-1] == pytest.approx(when, abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["adams", "dop853"])
+def test_a_failure_tells_its_time_however_sparse_the_samples(method: str) -> None:
+    bob = {"rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": {"length": 0.7, "limits": [0.1, math.inf]}}
+    forces = [{"on": "F1_1", "law": "exp(exp(8*t))"}]
+    runaway = scene(PIVOT, [bob], gravity=0.0, start={"psi1": -0.4}, forces=forces)
+    trajectory = vlmb.simulate(runaway, duration=3.0, t_eval=[0.0, 3.0], method=method)
+    assert trajectory.status == "failed"
+    told = float(re.findall(r"failed at t = (\S+) s", trajectory.message)[0])
+    assert 0.45 < told < 0.5  # the force has no finite value soon after
+
+
+def test_many_steps_between_two_samples_are_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stiff leg takes more steps in a rare look's time than a driver may; close looks have fewer each."""
+    monkeypatch.setattr(vlmb.integrate, "MAX_STEPS", 400)
+    leg = {"length": 0.5, "stiffness": 4e6, "limits": [0.1, 3.0]}
+    bob = {"rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": leg}
+    stiff = scene(PIVOT, [bob], start={"psi1": -0.4, "xi1_1": 0.5001})
+    for method in ("adams", "dop853"):
+        trajectory = vlmb.simulate(stiff, duration=0.5, t_eval=[0.5], rtol=1e-8, atol=1e-10, method=method)
+        assert trajectory.status == "finished", trajectory.message
+        assert trajectory.stats["steps"] > 800
+
+
+def test_a_prescribed_length_that_leaves_its_limits_for_a_moment() -> None:
+    law = "0.5 + 0.3*exp(-((t - 3.335)/0.002)**2)"  # between two of the points that are looked at beforehand
+    made = scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": law, "limits": [0.1, 0.7]})], gravity=0.0)
+    trajectory = vlmb.simulate(made, duration=10.0, t_eval=[10.0], method="dop853")
+    assert "xi1_1 reached its limit 0.7 m" in trajectory.message
+
+
+def test_what_came_near_by_a_trial_step_alone_changes_nothing_but_the_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = vlmb.simulate(swinger(50.0), duration=3.0, rtol=1e-9, atol=1e-11, t_eval=[1.0, 3.0])
+    quiet, asked = vlmb.events.Watch.quiet, []
+    monkeypatch.setattr(vlmb.events.Watch, "quiet", property(lambda self: len(asked) < 8 and not asked.append(1)))
+    close = vlmb.simulate(swinger(50.0), duration=3.0, rtol=1e-9, atol=1e-11, t_eval=[1.0, 3.0])
+    assert quiet is not vlmb.events.Watch.quiet and len(asked) == 8
+    assert close.status == "finished" and len(close) == 2
+    np.testing.assert_allclose(close["xi1_1"], plain["xi1_1"], rtol=0, atol=1e-7)
+
+
+def test_an_interrupt_near_a_limit_keeps_no_sample_beyond_it() -> None:
+    bob = {"rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": {"length": 0.7, "limits": [0.1, 1.0]}}
+    flying = scene(PIVOT, [bob], gravity=0.0, start={"psi1": 0.3, "xi1_1_dot": 1.0})
+
+    def interrupt(t: float) -> None:
+        if t > 0.46:
+            raise KeyboardInterrupt
+
+    trajectory = vlmb.simulate(flying, duration=3.0, t_eval=np.linspace(0.0, 3.0, 601), progress=interrupt)
+    assert trajectory["xi1_1"].max() <= 1.0
+    assert trajectory.status == "interrupted"
+
+
+@pytest.mark.parametrize("method", ["dop853", "radau", "adams"])
+@pytest.mark.parametrize("law", ["0.3 + 0.02*max(0, t - 0.37)**2", "0.3 + 0.05*abs(t - 0.5)**3"])
+def test_laws_with_kinks_under_every_driver(method: str, law: str) -> None:
+    made = scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": law})], start={"psi1": 0.3})
+    assert vlmb.simulate(made, duration=1.0, method=method, t_eval=[1.0], rtol=1e-6, atol=1e-8).status == "finished"
 
 
 def test_the_lower_limit_and_the_default_one() -> None:

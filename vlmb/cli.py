@@ -15,9 +15,9 @@ import msgspec
 
 from vlmb import bench, matrices, view
 from vlmb._version import __version__
-from vlmb.cuts import is_cut
 from vlmb.errors import VlmbError
 from vlmb.integrate import METHODS
+from vlmb.long_chains import is_long
 from vlmb.mechanism import Mechanism, build, data_bytes
 from vlmb.scene import Scene, load_scene
 from vlmb.simulate import check, run_options, simulate
@@ -158,7 +158,7 @@ def _info(args: argparse.Namespace) -> int:
     print(f"  degrees of freedom  {held}")
     memory = data_bytes(layout.nv) / 2**20
     print(f"  state               {layout.nq} positions, {layout.nv} velocities; pinocchio.Data {memory:.2g} MiB")
-    if is_cut(scene):
+    if is_long(scene):
         print("  runs as             sub-chains of one link each, without that Data")
     print("  joints")
     for joint, name in list(zip(mechanism.model.joints, mechanism.model.names, strict=True))[1:]:

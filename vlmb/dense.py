@@ -51,7 +51,7 @@ class Dense:
         self.damped = "dissipation" in work_names
         self.forced = bool(direction_springs or actuation.needed)
         self.reference: Sequence[float] = ()  # coordinates of the last accepted sample
-        self.lost = 0.0  # power in the direction dampers [W]
+        self._lost = 0.0  # power in the direction dampers [W]
 
     def forces(self, t: float, y: Array, q: Array, v: Array, tau: Array) -> None:
         """Write springs, dampers, applied forces and a control into tau (nv,); needs crba in WORLD convention before."""
@@ -59,7 +59,7 @@ class Dense:
             tau.fill(0.0)
         self.springs.write(y, tau)
         if self.direction_springs:
-            self.lost = apply_springs(self.direction_springs, self.frames, v, tau)
+            self._lost = apply_springs(self.direction_springs, self.frames, v, tau)
         if self.actuation.needed:
             self.actuation.add(t, q, v, tau, self.reference)
 
@@ -131,7 +131,7 @@ class Dense:
                 if info:
                     raise faults.singular(q)
             vdot[...] = answer
-            if not -HUGE < answer.item(0) + answer.item(last) < HUGE:  # what is not finite spreads to both
+            if not -HUGE < answer.item(0) + answer.item(last) < HUGE:  # nan and infinity spread to both
                 raise faults.not_finite(q, v, tau)
             qdot[...] = v if planar else product(model, raw, v)
             if on_ski:
@@ -162,7 +162,7 @@ class Dense:
             for row, (slot, at) in enumerate(driven):
                 dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]
             if self.damped:
-                dy[-1] = springs.dissipation(y) + self.lost
+                dy[-1] = springs.dissipation(y) + self._lost
 
         return powers
 

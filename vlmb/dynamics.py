@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from vlmb.constrained import SIDEWAYS, ConstrainedSystem
 from vlmb.constraints import RowInfo
 from vlmb.coordinates import State, read_angles
-from vlmb.cuts import is_cut
 from vlmb.dense import Dense
 from vlmb.errors import SceneError, nearest
 from vlmb.faults import HUGE, Faults
 from vlmb.forces import Actuation, Control, View
 from vlmb.frames import LinkFrames
 from vlmb.integrate import Rhs
+from vlmb.long_chains import LONG_CHAIN, is_long
 from vlmb.mechanism import Mechanism
 from vlmb.prescribed import prescribed_segments
 from vlmb.recursive import recursive
@@ -34,7 +34,6 @@ ROUTES = ("recursive", "dense", "subchains")
 TURN = 0.5  # [rad] an azimuth turns no further between two references
 ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
 TINY = 1e-300
-RECURSIVE_LINKS = 24  # longer chains take another route: aba loses digits on them (benchmarks/results/rhs_cost.md)
 
 
 class Evaluation(NamedTuple):
@@ -102,7 +101,7 @@ class Dynamics:
         sliding = self.knife_edge == "reduction"
         self.rhs: Rhs
         if self.subchains is not None:
-            self.rhs = self._cut(self.subchains, sliding)
+            self.rhs = self._long(self.subchains, sliding)
         elif self.route == "recursive":
             self.rhs = recursive(mechanism, self.springs, sliding, self.size, self._calls, self.faults)
         else:
@@ -115,9 +114,9 @@ class Dynamics:
             self.actuation.needed or self.direction_springs or self.prescribed or self.system.rows is not None
         )
         if route is None:
-            if control is None and simple and is_cut(self.mechanism.scene):
+            if control is None and simple and is_long(self.mechanism.scene):
                 return "subchains"
-            return "recursive" if light and len(self.layout.links) <= RECURSIVE_LINKS else "dense"
+            return "recursive" if light and len(self.layout.links) <= LONG_CHAIN else "dense"
         if route == "recursive" and not light:
             raise SceneError("the recursive route serves spring-dampers and the reduced knife edge only; use 'dense'")
         if route == "subchains" and (control is not None or not simple):
@@ -142,7 +141,7 @@ class Dynamics:
         """Count right-hand sides from zero again."""
         self._calls[0] = 0
 
-    def _cut(self, chains: SubChains, sliding: bool) -> Rhs:
+    def _long(self, chains: SubChains, sliding: bool) -> Rhs:
         """Sub-chains: every link a piece of its own, all at once in closed form."""
         model, nq, end, calls, damped = self.mechanism.model, self.nq, self.nq + self.nv, self._calls, bool(self.work_names)
         normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)

@@ -18,17 +18,16 @@ from vlmb.integrate import short_run
 
 Array = NDArray[np.float64]
 SHORT_STEPS = 500  # of a short run that looks for an event
-SHORTEST = 1e-6  # [s] of a short run that goes on towards a failure
 SCAN = 64  # points looked at where a segment may have crossed its limit between two samples
 
 
 class Watch:
-    """Looks at every accepted sample, and between two where a cubic through them could leave the limits.
+    """Looks at a state, and between two where a cubic through them could leave the limits.
 
-    `quiet`: right-hand sides look at all lengths themselves, and none came near a limit, so that looks may be rare.
+    `quiet`: right-hand sides look at all lengths themselves, and none came near a limit since the start: looks may be rare.
     """
 
-    def __init__(self, dynamics: Dynamics, fall: bool, rtol: float, atol: float) -> None:
+    def __init__(self, dynamics: Dynamics, y: Array, fall: bool, rtol: float, atol: float) -> None:
         self.dynamics, self.tolerances = dynamics, (rtol, atol)
         mechanism, layout = dynamics.mechanism, dynamics.layout
         self.names: list[str] = []
@@ -38,16 +37,16 @@ class Watch:
                 at, (low, high) = segment_of(layout, c), mechanism.scene.links[c.link].segment(c.segment).bounds
                 self.names.append(c.name)
                 self.segments.append((at.q, layout.nq + at.v, low, high))
-        dynamics.springs.near = False
+        dynamics.springs.watch(y)
+        self.told = dynamics.springs.guarded and not (dynamics.prescribed or dynamics.route == "subchains")
         self.points: list[str] = []
         if fall and layout.base == "ski":
             self.points = [f"{link.name}.{point}" for link in layout.links for point in ("rod_end", "tip")]
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing can happen that is not told."""
-        springs = self.dynamics.springs
-        return springs.guarded and not (springs.near or self.points or self.dynamics.route == "subchains")
+        """Whether nothing can have happened that was not told."""
+        return self.told and not (self.points or self.dynamics.springs.near)
 
     def refuse_start(self, y: Array) -> None:
         """Raise SceneError for a start with a point under the snow."""
@@ -75,24 +74,6 @@ class Watch:
                 if crossing is not None:
                     found.append((crossing, f"fall: {name} reached the snow"))
         return min(found) if found else None
-
-    def search(self, t0: float, y0: Array, t1: float, stride: float) -> tuple[float, Array, tuple[float, str] | None]:
-        """First event in (t0, t1], by short runs of a stride, after time and state of the look before it.
-
-        None where there is none, or the motion cannot be followed so far.
-        """
-        while t0 < t1 and stride > SHORTEST:
-            t = min(t0 + stride, t1)
-            try:
-                y = self.state_at(t0, y0, t)
-            except VlmbError:
-                stride /= 4.0
-                continue
-            event = self.between(t0, y0, t, y)
-            if event is not None:
-                return t0, y0, event
-            t0, y0 = t, y
-        return t0, y0, None
 
     def _room(self, q: int, bound: float, sign: float) -> Callable[[Array], float]:
         return lambda y: sign * (float(y[q]) - bound)

@@ -34,10 +34,10 @@ class Faults:
 
         Of sub-chains, that of the system for the accelerations of hinges.
         """
-        model, data = self.mechanism.model, self.mechanism.data if self.subchains is None else None
+        model = self.mechanism.model
         if self.subchains is not None:
             return self.subchains.conditioning(pin.normalize(model, q))
-        mass = np.array(pin.crba(model, data, pin.normalize(model, q)))
+        mass = np.array(pin.crba(model, self.mechanism.data, pin.normalize(model, q)))
         if not np.isfinite(mass).all():
             return math.inf, ["every coordinate"]
         scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))

@@ -21,7 +21,7 @@ Rhs = Callable[[float, Array], Array]
 
 MAX_ITERATIONS = 60
 ROOT = 3.0**0.5 / 6.0  # of the Gauss-Legendre nodes 1/2 -+ sqrt(3)/6
-MAX_STEPS = 20_000  # adaptive steps between two samples before a run is called stuck
+MAX_STEPS = 20_000  # adaptive steps between two stops before a run is called stuck
 
 
 class Driver(Protocol):
@@ -122,24 +122,24 @@ class _Guarded:
     """Keeps an exception away from a compiled driver: `call` gives it nan, so that it gives up, then `check` raises."""
 
     def __init__(self, rhs: Rhs, size: int) -> None:
-        self.error: BaseException | None = None
+        errors: list[BaseException] = []
         nothing = np.full(size, np.nan)
 
         def call(t: float, y: Array) -> Array:
-            if self.error is not None:
+            if errors:
                 return nothing
             try:
                 return rhs(t, y)
             except BaseException as error:  # KeyboardInterrupt too: nothing may cross compiled code
-                self.error = error
+                errors.append(error)
                 return nothing
 
-        self.call = call
+        self.errors, self.call = errors, call
 
     def check(self, integrator: Any) -> None:
         """Raise what stopped the right-hand side, or SimulationError if the driver gave up by itself."""
-        if self.error is not None:
-            raise self.error
+        if self.errors:
+            raise self.errors[0]
         if integrator.success != 1:
             raise SimulationError(STUCK)
 
@@ -219,7 +219,7 @@ class Multistep:
             raise SimulationError(INTERLEAVED) from None
         finally:
             Multistep.busy = False
-        if self.guarded.error is not None or self.integrator.success != 1:
+        if self.guarded.errors or self.integrator.success != 1:
             self.guarded.check(self.integrator)
         return y
 

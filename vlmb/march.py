@@ -22,8 +22,13 @@ INSIDE = 1e-12  # relative distance kept from a break of a law
 LOOKS = 60.0  # [1/s] looks at events and angles; at times of their own, so that the choice of samples changes no motion
 LONGEST = 0.1  # [s] between two looks where a driver's steps are longer than 1 / LOOKS and no angle is read
 QUIET = 0.5  # [s] between two looks while right-hand sides themselves look at all that could happen
+MANY = 1000  # steps between two looks, about, at most: drivers give up after more than MAX_STEPS
 CLOSEST = 1e-7  # [s] between two looks
 SAME = 1e-9  # [s] a sample this near to a look is one
+
+
+class _CloserLookError(Exception):
+    """Something may have happened since the last look."""
 
 
 class March:
@@ -41,20 +46,20 @@ class March:
         self.dynamics, self.options, self.times, self.breaks = dynamics, run, times, breaks
         self.tell = progress
         self.method = find_method(run.method)
-        self.watch = Watch(dynamics, run.fall, run.rtol, run.atol)
+        self.watch = Watch(dynamics, y, run.fall, run.rtol, run.atol)
         self.watch.refuse_start(y)
         self.projecting = dynamics.knife_edge == "projection"
         self.timed = bool(dynamics.actuation.channels or dynamics.prescribed)
         self.angles, self.reference = dynamics.reads_angles, np.array(dynamics.reference)
-        self.calm = self.method.adaptive and not (self.method.stiff or self.angles)
+        self.calm = self.method.adaptive and not (self.method.stiff or self.angles)  # looks may be rare
         self.wanted = set(times.tolist())
         self.recorded: list[Sample] = []
         self.driver: Driver | None = None
         self.done = 0  # steps of drivers before this one
-        self.t, self.y, self.stop = 0.0, y, 0.0  # stop: where it is heading for
+        self.t, self.y = 0.0, y
         self.step = 0.0  # [s] of the driver, at the last look
         self.room = 0.0  # [s] for which forces may rely on the branches of angles
-        self.seen, self.quiet, self.look = (0.0, y), self.calm and self.watch.quiet, 0.0
+        self.seen, self.quiet, self.look = (0.0, y), False, 0.0
 
     @property
     def steps(self) -> int:
@@ -64,32 +69,52 @@ class March:
     def run(self) -> tuple[str, str]:
         """Go to the last sample; return a status and a sentence."""
         last = float(self.times[-1])
-        if 0.0 in self.wanted:
-            self._record(0.0, self.y)
         try:
-            for end in [*(b for b in self.breaks if b < last), last] if last > 0.0 else []:
-                sentence = self._stretch(end, last)
-                if sentence is not None:
-                    return "stopped", sentence
-        except VlmbError as error:
-            with contextlib.suppress(VlmbError):
-                sentence = self._ended(max(self.t, self.stop))  # an event before what failed
-                if sentence is not None:
-                    return "stopped", sentence
-            self._keep_something()
-            why = "" if isinstance(error, SingularError) else self._why()
-            return "failed", f"failed at t = {self.t:.6g} s: {error}{why}"
+            try:
+                if 0.0 in self.wanted:
+                    self._record(0.0, self.y)
+                for end in [*(b for b in self.breaks if b < last), last] if last > 0.0 else []:
+                    sentence = self._stretch(end, last)
+                    if sentence is not None:
+                        return "stopped", sentence
+            except VlmbError as error:
+                with contextlib.suppress(VlmbError):
+                    sentence = self._ended()  # an event before what failed
+                    if sentence is not None:
+                        return "stopped", sentence
+                self._keep_something()
+                why = "" if isinstance(error, SingularError) else self._why()
+                return "failed", f"failed at t = {self.t:.6g} s: {error}{why}"
         except KeyboardInterrupt:
+            if self.quiet and not self.watch.quiet:  # what came since the last look may be beyond an event
+                self._forget_since(self.seen[0])
             self._keep_something()
             return "interrupted", f"interrupted at t = {self.t:.6g} s; the part so far is kept."
         return "finished", f"finished at t = {last:.6g} s."
 
     def _stretch(self, end: float, last: float) -> str | None:
-        """Go to a break, or the end; return a sentence if an event stops the run before."""
+        """Go to a break, or the end; return a sentence if an event stops the run before.
+
+        What fails or comes near a limit between two rare looks is gone through again with close ones.
+        """
         rhs = _between(self.dynamics.rhs, self.t, end, last) if self.timed else self.dynamics.rhs
         self._leave_driver()
         self.room = max(CLOSEST, self.dynamics.accept(self.t, self.y))
-        self.look = self.t + (QUIET if self.quiet else min(1.0 / LOOKS, self.room))
+        self.seen, self.quiet, self.look = (self.t, self.y), False, self.t + min(1.0 / LOOKS, self.room)
+        while True:
+            try:
+                return self._through(rhs, end)
+            except _CloserLookError:
+                pass
+            except VlmbError:
+                if not self.quiet:
+                    raise
+            self._forget_since(self.seen[0])
+            self._leave_driver()
+            (self.t, self.y), self.calm, self.quiet = self.seen, False, False
+            self.look = self.t + min(1.0 / LOOKS, self.room)
+
+    def _through(self, rhs: Rhs, end: float) -> str | None:
         for target in [*self.times[(self.times > self.t) & (self.times < end)].tolist(), end]:
             while self.look < target - SAME:
                 self._advance(rhs, self.look, end)
@@ -108,7 +133,7 @@ class March:
         return None
 
     def _advance(self, rhs: Rhs, stop: float, end: float) -> None:
-        self.stop, driver, run, method = stop, self.driver, self.options, self.method
+        driver, run, method = self.driver, self.options, self.method
         if method.adaptive and self.room < 2.0 * self.step:  # a step could pass over the swing of an azimuth
             self._leave_driver()
             self.done += 1
@@ -120,6 +145,8 @@ class March:
                     rhs, self.t, self.y, end, rtol=run.rtol, atol=run.atol, step_size=size, hard_end=self.timed
                 )
             self.y = driver.advance(stop)
+            if self.angles:
+                self.step = driver.step
         self.t = stop
 
     def _leave_driver(self) -> None:
@@ -129,27 +156,28 @@ class March:
         """Take an event since the last look for the end of the run; else choose the time of the next look."""
         if not self.y.dot(self.y) < HUGE * HUGE:
             self.t, self.y = self.seen
-            while self.recorded and not np.isfinite(self.recorded[-1].y).all():
-                self.recorded.pop()
+            self._forget_since(self.t)
             raise SimulationError("the state is no longer finite")
-        sentence = self._ended(self.t)
+        if self.quiet and not self.watch.quiet:
+            raise _CloserLookError
+        sentence = self._ended()
         if sentence is not None:
             return sentence
         if self.driver is not None:
             self.step = self.driver.step
         self.room = max(CLOSEST, self.dynamics.accept(self.t, self.y))
         self.seen, self.quiet = (self.t, self.y), self.calm and self.watch.quiet
-        stride = 0.0 if self.angles else min(self.method.stride * self.step, LONGEST)
-        self.look += QUIET if self.quiet else min(self.room, max(1.0 / LOOKS, stride))
+        if self.quiet:
+            self.look += min(QUIET, max(1.0 / LOOKS, MANY * self.step))
+        else:
+            stride = 0.0 if self.angles else min(self.method.stride * self.step, LONGEST)
+            self.look += min(self.room, max(1.0 / LOOKS, stride))
         return None
 
-    def _ended(self, until: float) -> str | None:
+    def _ended(self) -> str | None:
         """Look back at what came since the last look."""
-        (since, before), event = self.seen, None
-        if not self.quiet:
-            event = self.watch.between(since, before, self.t, self.y)
-        elif not self.watch.quiet:
-            since, before, event = self.watch.search(since, before, until, 1.0 / LOOKS)
+        (since, before) = self.seen
+        event = None if self.quiet else self.watch.between(since, before, self.t, self.y)
         if event is None:
             return None
         when, sentence = event
@@ -158,6 +186,10 @@ class March:
             self.recorded.pop()
         self._record(when, state)
         return f"stopped at t = {when:.6g} s: {sentence}."
+
+    def _forget_since(self, t: float) -> None:
+        while self.recorded and self.recorded[-1].t > t:
+            self.recorded.pop()
 
     def _record(self, t: float, y: Array) -> None:
         if self.projecting:

@@ -19,10 +19,10 @@ import pinocchio as pin
 
 from vlmb import coordinates as chart
 from vlmb.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
-from vlmb.cuts import is_cut
 from vlmb.display import Displayed
 from vlmb.errors import SceneError, VlmbError
 from vlmb.expressions import evaluate, parse
+from vlmb.long_chains import is_long
 from vlmb.scene import Scene
 from vlmb.tables import BASE, Segment
 
@@ -97,7 +97,7 @@ def build(scene: Scene) -> Mechanism:
     if not isinstance(scene, Scene):
         raise SceneError(f"{scene!r:.80}: must be a Scene, from load_scene or Scene.from_dict")
     builder = _Builder(scene)
-    if scene.base.kind == "ski" or not is_cut(scene):
+    if scene.base.kind == "ski" or not is_long(scene):
         _refuse_what_does_not_fit(builder.model.nv)
     return Mechanism(scene, builder.model, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from vlmb.bars import HEAVY
 from vlmb.constrained import SIDEWAYS
 from vlmb.faults import HUGE, Faults
 from vlmb.integrate import Rhs
@@ -16,8 +17,6 @@ from vlmb.mechanism import Mechanism
 from vlmb.springs import SegmentSprings
 
 Array = NDArray[np.float64]
-
-HEAVY = 1e30  # [kg] inertia at which the ski's sideways acceleration is zero, its effect on the others below rounding
 
 
 def recursive(
@@ -93,7 +92,7 @@ def _with_loss(rhs: Rhs, springs: SegmentSprings) -> Rhs:
 
 
 def _roots(mechanism: Mechanism) -> tuple[int, ...]:
-    """First velocity of every tree: what is not finite anywhere spreads to its root."""
+    """First velocity of every tree: nan and infinity anywhere spread to its root."""
     layout = mechanism.layout
     return (0,) if layout.base_size else tuple(link.v for link in layout.links if link.parent < 0)
 

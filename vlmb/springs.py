@@ -20,7 +20,7 @@ Write = Callable[[Array, Array], None]
 
 FADE = 0.02  # [rad] angle below which a damper between directions fades
 FEW = 8  # segments that are faster one by one than all at once
-NEAR = 0.2  # of the way from the start to a limit: a length that comes so near to it is told
+NEAR = 0.2  # of the range of a length: one that comes so near to a limit is told
 HEADING = "heading"  # the base's horizontal direction in `between`; "base" is the surface normal
 
 
@@ -35,13 +35,25 @@ class SegmentSprings:
         self.near = False
         segments = list(free_segments(mechanism))
         self.dampers = [(mechanism.layout.nq + at.v, segment.damping) for segment, at in segments if segment.damping]
-        self.guarded, self.rates = len(segments) <= FEW, mechanism.layout.nq
+        self.guarded, self.nq = len(segments) <= FEW, mechanism.layout.nq
+        self.segments = segments
         self.few: list[tuple[int, int, float, float, float, float]] = []
-        for segment, at in segments if self.guarded else ():
-            start, k = at.length, segment.stiffness
-            low, high = (bound + NEAR * (start - bound) if math.isfinite(bound) else bound for bound in segment.bounds)
-            self.few.append((at.q, at.v, k, k * rest_length(segment), low, high))
+        if self.guarded:
+            self.watch()
         self.write = self._one_by_one() if self.guarded else self._at_once(segments)
+
+    def watch(self, y: Array | None = None) -> None:
+        """Forget what was near, and tell from now on of lengths within NEAR of their range from a limit.
+
+        The range is that between two limits, else the way to the one from the farthest of length, rest and the length in y.
+        """
+        self.near, self.few[:] = False, []
+        for segment, at in self.segments if self.guarded else ():
+            k, (low, high) = segment.stiffness, segment.bounds
+            known = [at.length, rest_length(segment), *([] if y is None else [y.item(at.q)])]
+            room = high - low if math.isfinite(high - low) else max(abs(x - (low if math.isfinite(low) else high)) for x in known)
+            zone = NEAR * room if math.isfinite(room) else 0.0
+            self.few.append((at.q, at.v, k, k * rest_length(segment), low + zone, high - zone))
 
     def dissipation(self, y: Array) -> float:
         """Power lost in the dampers [W]."""
@@ -49,7 +61,7 @@ class SegmentSprings:
 
     def _one_by_one(self) -> Write:
         """Scalars, a fraction of numpy's time for few segments; tau is left as it is elsewhere."""
-        few, damped = self.few, [(at - self.rates, at, damping) for at, damping in self.dampers]
+        few, damped = self.few, [(at - self.nq, at, damping) for at, damping in self.dampers]
 
         def write(y: Array, tau: Array) -> None:
             item = y.item
@@ -68,7 +80,7 @@ class SegmentSprings:
         q, v = (np.array([getattr(at, name) for _, at in segments], dtype=np.intp) for name in "qv")
         minus_k = np.array([-segment.stiffness for segment, _ in segments])
         preload = np.array([segment.stiffness * rest_length(segment) for segment, _ in segments])
-        rates, damped = self.rates + v, bool(self.dampers)
+        rates, damped = self.nq + v, bool(self.dampers)
         minus_c = np.array([-segment.damping for segment, _ in segments])
         forces, losses, multiply, add = np.zeros(len(v)), np.zeros(len(v)), np.multiply, np.add
 

@@ -24,8 +24,8 @@ from scipy.linalg import blas, lapack
 
 from vlmb.bars import HEAVY, Bars
 from vlmb.constrained import SIDEWAYS
-from vlmb.cuts import obstacle
 from vlmb.errors import SceneError, SingularError
+from vlmb.long_chains import obstacle
 from vlmb.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -107,7 +107,7 @@ def _needed(outputs: Sequence[Any], steps: Mapping[Any, Any]) -> list[Any]:
 
 
 def _sign(x: float) -> float:
-    return float((x > 0.0) - (x < 0.0))
+    return float(x > 0.0) - float(x < 0.0)  # of numpy's numbers too
 
 
 @functools.cache

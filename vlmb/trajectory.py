@@ -305,7 +305,8 @@ class Trajectory(Displayed):
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
-        programme, condition = self._dynamics.system.programme, self.conditions.max(initial=0.0)  # which the report goes by
+        condition = self.conditions.max(initial=0.0)  # first: the ranks that a programme reports are found on the way
+        programme = self._dynamics.system.programme
         return summarize(self, f"{programme.report}; condition of G up to {condition:.4g}" if programme else "")
 
 

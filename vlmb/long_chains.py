@@ -1,14 +1,14 @@
-"""Which scenes are chains that run as sub-chains, every link a piece of its own."""
+"""Long chains: which scenes run as sub-chains, every link a piece of its own."""
 
 from __future__ import annotations
 
 from vlmb.scene import Scene
 from vlmb.tables import BASE
 
-LONG_CHAIN = 24  # longer chains run as sub-chains, where they can: digits, memory and time (benchmarks/results/long_chains.md)
+LONG_CHAIN = 24  # links; longer chains run as sub-chains if they can: aba loses digits (benchmarks/results/long_chains.md)
 
 
-def is_cut(scene: Scene) -> bool:
+def is_long(scene: Scene) -> bool:
     """Whether a scene is a chain so long that it runs as sub-chains, if nothing else keeps it from that."""
     return len(scene.links) > LONG_CHAIN and obstacle(scene) is None
 
