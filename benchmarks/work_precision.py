@@ -141,7 +141,7 @@ def ratio_rows(name: str, points: dict[str, list[Any]], base: str, base_sampled:
             ratio = mine / cost_at([value[:2] for value in points[other]], error)
             target = TARGETS.get(name, (None, None, None))[k] if label.startswith("vlmb") else None
             verdict = "" if target is None or math.isnan(ratio) else f" ({'met' if ratio <= target else 'missed'}: {target:.2f})"
-            row += ["-" if math.isnan(ratio) else f"{ratio:.2f}{verdict}"]
+            row += ["-" if math.isnan(ratio) else f"{ratio:.{2 if ratio >= 0.1 else 3}f}{verdict}"]
         rows.append(row)
     return rows
 
