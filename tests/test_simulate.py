@@ -375,6 +375,38 @@ def test_what_came_near_by_a_trial_step_alone_changes_nothing_but_the_looks(monk
     np.testing.assert_allclose(close["xi1_1"], plain["xi1_1"], rtol=0, atol=1e-7)
 
 
+def random_swing(seed: int) -> vlmb.Scene:
+    """One to three links on springs between limits, started anywhere between them."""
+    random = np.random.default_rng(seed)
+    count, links, start = int(random.integers(1, 4)), [], {}
+    for i in range(1, count + 1):
+        length = random.uniform(0.2, 0.6)
+        low, high = length * random.uniform(0.0, 0.7), length * random.uniform(1.2, 2.5)
+        leg = {"length": length, "rest": length * random.uniform(0.8, 1.2), "stiffness": random.uniform(50.0, 3000.0)}
+        rod = {"length": 0.3, "mass": random.uniform(0.5, 3.0)}
+        links.append({"rod": rod, "lower": {**leg, "limits": [low, high]}, "tip_mass": random.uniform(0.1, 2.0)})
+        start |= {f"psi{i}": random.uniform(-1.2, 1.2), f"phi{i}": random.uniform(-2.0, 2.0)}
+        start |= {f"psi{i}_dot": random.uniform(-3.0, 3.0), f"xi{i}_1": low + (high - low) * random.uniform(0.1, 0.9)}
+    base = [PIVOT, SKI, {"kind": "free", "mass": 1.0}][seed % 3]
+    return scene(base, links, start=start, gravity=float(random.choice([0.0, 3.0, 9.81])))
+
+
+@pytest.mark.parametrize("method", ["adams", "dop853"])
+def test_rare_looks_find_what_close_ones_find(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = []
+    for seed in range(30):
+        options = {"duration": 2.0, "method": method, "rtol": 1e-9, "atol": 1e-11, "t_eval": [2.0]}
+        rare = vlmb.simulate(random_swing(seed), **options)
+        with monkeypatch.context() as patch:
+            patch.setattr(vlmb.events.Watch, "quiet", False)
+            close = vlmb.simulate(random_swing(seed), **options)
+        assert rare.status == close.status, seed
+        assert rare.message.rpartition(":")[2] == close.message.rpartition(":")[2] or rare.status == "finished"
+        assert rare.t[-1] == pytest.approx(close.t[-1], abs=1e-5)
+        ended.append(rare.status)
+    assert min(ended.count("stopped"), ended.count("finished")) >= 5
+
+
 def test_an_interrupt_near_a_limit_keeps_no_sample_beyond_it() -> None:
     bob = {"rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": {"length": 0.7, "limits": [0.1, 1.0]}}
     flying = scene(PIVOT, [bob], gravity=0.0, start={"psi1": 0.3, "xi1_1_dot": 1.0})
