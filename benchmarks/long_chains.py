@@ -82,10 +82,13 @@ def memory(route: str, links: int) -> float:
 
 
 def print_memory(route: str, links: int) -> None:
-    """Build and evaluate one chain; print what this process grew by."""
+    """Build and evaluate one chain; print what this process grew by. With the route "model": build it alone."""
     build(chain("pivot", 1))
     before = resident()
     mechanism = build(chain("pivot", links))
+    if route == "model":
+        print(resident() - before)
+        return
     dynamics = Dynamics(mechanism, route=route)
     dynamics.rhs(0.0, dynamics.pack(posture(mechanism, 0)))
     print(resident() - before)
@@ -117,6 +120,7 @@ def measure() -> dict[str, Any]:
         gc.collect()
         data["memory"][n] = {route: memory(route, n) for route in routes(n) if route != "recursive"}
         print(f"{n} links: {micro(data['time'][n]['subchains'])} us by sub-chains", flush=True)
+    data["model"] = memory("model", LINKS[-1])
     data["run"] = run()
     data |= {"long_chain": LONG_CHAIN}
     return data
@@ -154,7 +158,8 @@ def report(data: dict[str, Any]) -> str:
         table(header, rows),
         "",
         f"* From {LINKS[-3]} to {LINKS[-1]} links the time of sub-chains grows as n^{slope(ours):.2f}, "
-        f"their memory as n^{slope(held):.2f}; `pinocchio.Data` of one model grows as n^3.",
+        f"their memory as n^{slope(held):.2f}: of the {held[LINKS[-1]] / 2**20:.0f} MiB of {LINKS[-1]} links Pinocchio's model "
+        f"takes {data['model'] / 2**20:.0f}, for it lists the ancestors of every joint. `pinocchio.Data` of one model grows as n^3.",
         f"* `simulate` takes one model up to {LONG_CHAIN} links, and sub-chains beyond, where the scene is a chain with nothing "
         "but springs and dampers; else the dense route.",
         f"* A run of {data['run']['links']} links over {data['run']['duration']:g} s, rtol 1e-9: "
