@@ -159,7 +159,8 @@ def report(data: dict[str, Any]) -> str:
         "",
         f"* From {LINKS[-3]} to {LINKS[-1]} links the time of sub-chains grows as n^{slope(ours):.2f}, "
         f"their memory as n^{slope(held):.2f}: of the {held[LINKS[-1]] / 2**20:.0f} MiB of {LINKS[-1]} links Pinocchio's model "
-        f"takes {data['model'] / 2**20:.0f}, for it lists the ancestors of every joint. `pinocchio.Data` of one model grows as n^3.",
+        f"takes {data['model'] / 2**20:.0f}, for it lists the ancestors of every joint. "
+        "`pinocchio.Data` of one model grows as n^3.",
         f"* `simulate` takes one model up to {LONG_CHAIN} links, and sub-chains beyond, where the scene is a chain with nothing "
         "but springs and dampers; else the dense route.",
         f"* A run of {data['run']['links']} links over {data['run']['duration']:g} s, rtol 1e-9: "
