@@ -483,7 +483,7 @@ def report(data: dict[str, Any]) -> str:
     lines += [f"* {base}, ahead in error: {crossover(data['error'][base])}." for base in BASES]
     lines += [
         f"* `simulate` takes the recursive route for spring-dampers up to {LONG_CHAIN} links; longer chains go as "
-        "[sub-chains](long_chains.md) where they can be cut; the rest is dense.",
+        "[sub-chains](long_chains.md) where they can; the rest is dense.",
         "",
         "![time and error of both routes](rhs_cost.png)",
         "",

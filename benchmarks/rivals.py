@@ -57,12 +57,11 @@ class Rival:
 
 
 def ours(
-    scene: dict[str, Any], duration: float, samples: bool
+    scene: dict[str, Any], duration: float, samples: bool, truth: Array
 ) -> tuple[tuple[float, ...], Callable[[float], float], dict[float, float]]:
     """The default method at the baseline's tolerances: its timed run and its errors."""
     mechanism = build(Scene.from_dict(scene))
     when = times_of(duration, samples)
-    truth = end_of(simulate(mechanism, duration, TIGHT[0][0], TIGHT[0][1], atol=0.1 * TIGHT[0][1], t_eval=[duration]))
 
     def run(rtol: float) -> Any:
         return simulate(mechanism, duration, rtol=rtol, atol=0.1 * rtol, t_eval=when, method="adams")
@@ -110,7 +109,7 @@ def ratios_nearby(scene: dict[str, Any], duration: float, repeats: int = 3) -> d
             rival = Rival(label, run, settings, truth, math.inf)
             sides[label] = rival.timed, rival.errors
         for label in found:
-            _, once, errors = ours(moved, duration, label.endswith("sampled"))
+            _, once, errors = ours(moved, duration, label.endswith("sampled"), truth)
             sides[label] = once, errors
         seconds = {label: dict.fromkeys(errors, math.inf) for label, (_, errors) in sides.items()}
         for _ in range(repeats):

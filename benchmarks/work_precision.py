@@ -103,7 +103,7 @@ def one_scene(name: str, peers: Sequence[str] = (), **changes: Any) -> tuple[Mea
     own: dict[str, dict[float, float]] = {}
     if rivals:
         for label, sampled in (("vlmb", False), ("vlmb, sampled", True)):
-            settings, run, own[label] = ours(scene, duration, sampled)
+            settings, run, own[label] = ours(scene, duration, sampled, truth)
             runs[label] = (settings, run)
     found, seconds = measure(Scene.from_dict(scene), duration, rivals=runs, progress=lambda text: None, **options)
     points = {

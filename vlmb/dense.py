@@ -50,7 +50,7 @@ class Dense:
         self.work_names, self.calls, self.faults = work_names, calls, faults
         self.damped = "dissipation" in work_names
         self.forced = bool(direction_springs or actuation.needed)
-        self.reference: Sequence[float] = ()  # coordinates of the last accepted sample
+        self.reference: list[float] = []  # coordinates of the last accepted sample
         self._lost = 0.0  # power in the direction dampers [W]
 
     def forces(self, t: float, y: Array, q: Array, v: Array, tau: Array) -> None:

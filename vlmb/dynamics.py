@@ -22,7 +22,7 @@ from vlmb.integrate import Rhs
 from vlmb.long_chains import LONG_CHAIN, is_long
 from vlmb.mechanism import Mechanism
 from vlmb.prescribed import prescribed_segments
-from vlmb.recursive import recursive
+from vlmb.recursive import along_heading, recursive
 from vlmb.springs import SegmentSprings, direction_springs, free_segments
 from vlmb.subchains import SubChains
 from vlmb.tables import Run
@@ -131,11 +131,11 @@ class Dynamics:
     @property
     def reference(self) -> list[float]:
         """Coordinates of the last accepted sample, by which angles keep their branch."""
-        return self._reference
+        return self._dense.reference
 
     @reference.setter
     def reference(self, values: list[float]) -> None:
-        self._reference = self._dense.reference = values
+        self._dense.reference = values
 
     def forget(self) -> None:
         """Count right-hand sides from zero again."""
@@ -155,15 +155,11 @@ class Dynamics:
             if not vdot.dot(vdot) < HUGE * HUGE:
                 raise self.faults.not_finite(q, v, chains.springs(q, v))
             qdot[...] = product(model, raw, v)
-            if sliding:
-                norm = math.hypot(y.item(2), y.item(3))
-                dy[0] /= norm
-                dy[1] /= norm
             if damped:
                 dy[-1] = chains.dissipation()
             return dy
 
-        return rhs
+        return along_heading(rhs, nq) if sliding else rhs
 
     def pack(self, state: State) -> Array:
         """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""

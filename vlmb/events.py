@@ -34,7 +34,7 @@ class Watch:
         self.segments: list[tuple[int, int, float, float]] = []  # where length and rate are in y, and their limits
         for c in layout.coordinates:
             if c.kind == "xi":
-                at, (low, high) = segment_of(layout, c), mechanism.scene.links[c.link].segment(c.segment).bounds
+                at, (low, high) = segment_of(layout, c), mechanism.segment(c).bounds
                 self.names.append(c.name)
                 self.segments.append((at.q, layout.nq + at.v, low, high))
         dynamics.springs.watch(y)

@@ -219,8 +219,7 @@ class Multistep:
             raise SimulationError(INTERLEAVED) from None
         finally:
             Multistep.busy = False
-        if self.guarded.errors or self.integrator.success != 1:
-            self.guarded.check(self.integrator)
+        self.guarded.check(self.integrator)
         return y
 
 

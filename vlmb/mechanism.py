@@ -63,6 +63,10 @@ class Mechanism(Displayed):
         """The paper's coordinates in this scene: `x y phi0`, then `phi1 psi1 xi1_1 xi1_2`, ..."""
         return self.layout.names
 
+    def segment(self, coordinate: Coordinate) -> Segment:
+        """Return what the scene says of the segment whose length a coordinate is."""
+        return self.scene.links[coordinate.link].segment(coordinate.segment)
+
     def state(self, coordinates: Mapping[str, float], rates: Mapping[str, float] | None = None) -> State:
         """Turn all coordinates, and rates (`phi1_dot`; missing ones 0), into Pinocchio's (q, v).
 

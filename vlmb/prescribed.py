@@ -27,7 +27,7 @@ def prescribed_segments(mechanism: Mechanism) -> tuple[Prescribed, ...]:
             at = segment_of(mechanism.layout, coordinate)
             if at.motion == "prescribed":
                 side = "lower" if coordinate.segment == 1 else "upper"
-                text = mechanism.scene.links[coordinate.link].segment(coordinate.segment).law
+                text = mechanism.segment(coordinate).law
                 law = time_law(0.0 if text is None else text, mechanism.scene.parameters, f"links[{coordinate.link}].{side}.law")
                 force = f"F{coordinate.link + 1}_{coordinate.segment}"
                 found.append(Prescribed(coordinate.name, force, at.q, at.v, law))

@@ -63,11 +63,11 @@ def recursive(
 
     rhs: Rhs = any_chain if others or springs.dampers or not springs.guarded else short_chain
     if sliding:
-        rhs = _along_heading(rhs, nq)
+        rhs = along_heading(rhs, nq)
     return _with_loss(rhs, springs) if springs.dampers else rhs
 
 
-def _along_heading(rhs: Rhs, nq: int) -> Rhs:
+def along_heading(rhs: Rhs, nq: int) -> Rhs:
     """Let the ski's point move along its heading alone; the tangent map would bring the norm of (cos, sin) along."""
     hypot, sideways = math.hypot, nq + SIDEWAYS
 

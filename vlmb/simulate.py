@@ -179,7 +179,7 @@ def _breaks(dynamics: Dynamics, duration: float) -> tuple[float, ...]:
                     f"its rate by {rate:.3g} m/s): a prescribed length needs a continuous rate"
                 )
             breaks.add(t)
-        low, high = mechanism.scene.links[coordinates[at.name].link].segment(coordinates[at.name].segment).bounds
+        low, high = mechanism.segment(coordinates[at.name]).bounds
         for t in np.linspace(0.0, duration, 1001).tolist():
             length = at.law.value(t)
             if not low <= length <= high:

@@ -38,8 +38,7 @@ class SegmentSprings:
         self.guarded, self.nq = len(segments) <= FEW, mechanism.layout.nq
         self.segments = segments
         self.few: list[tuple[int, int, float, float, float, float]] = []
-        if self.guarded:
-            self.watch()
+        self.watch()
         self.write = self._one_by_one() if self.guarded else self._at_once(segments)
 
     def watch(self, y: Array | None = None) -> None:

@@ -179,7 +179,7 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
 def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str], residual: Callable[[], Array]) -> None:
     """Move named coordinates as little as needed to make a residual zero: Gauss-Newton of least norm, shortened where needed."""
     lengths = [c for c in mechanism.layout.coordinates if c.kind == "xi"]
-    bounds = {c.name: mechanism.scene.links[c.link].segment(c.segment).bounds for c in lengths}
+    bounds = {c.name: mechanism.segment(c).bounds for c in lengths}
 
     def at(point: Array) -> Array:
         for name, value in zip(names, point.tolist(), strict=True):
@@ -304,7 +304,7 @@ def _refuse_unknown(mechanism: Mechanism) -> None:
 def _refuse_outside_limits(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
     for coordinate in mechanism.layout.coordinates:
         if coordinate.kind == "xi":
-            low, high = mechanism.scene.links[coordinate.link].segment(coordinate.segment).bounds
+            low, high = mechanism.segment(coordinate).bounds
             if not low <= coordinates[coordinate.name] <= high:
                 raise SceneError(
                     f"start.{coordinate.name} = {coordinates[coordinate.name]:g} m is outside its limits [{low:g}, {high:g}]; "
