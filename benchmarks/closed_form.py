@@ -14,14 +14,14 @@ from common import interleaved, save_figure, table, write_report
 # isort: split
 import numpy as np
 
-from vlmb.closed_form import ChainParameters, chain_parameters, chain_state, equation_blocks
-from vlmb.closed_form import bias as closed_bias
-from vlmb.closed_form import mass_matrix as closed_mass_matrix
-from vlmb.equations import equations_of_motion
+from vlmb.equations.closed_form import ChainParameters, chain_parameters, chain_state, equation_blocks
+from vlmb.equations.closed_form import bias as closed_bias
+from vlmb.equations.closed_form import mass_matrix as closed_mass_matrix
+from vlmb.equations.motion import equations_of_motion
 from vlmb.errors import VlmbError
-from vlmb.mechanism import Mechanism, build
-from vlmb.scene import Scene
-from vlmb.style import BLACK, PALETTE
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.scene.scene import Scene
+from vlmb.views.style import BLACK, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

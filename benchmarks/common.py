@@ -30,7 +30,7 @@ CLOCK = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-6
 
 def footer(packages: Sequence[str] = PACKAGES) -> str:
     """One line: machine, system, and versions of Python and of the packages that are installed."""
-    from vlmb.bench import footer
+    from vlmb.studies.bench import footer
 
     return footer(packages)
 
@@ -85,7 +85,7 @@ def save_figure(name: str, draw: Callable[[Figure], None], width: float, height:
     """Draw on an empty figure [inches] in the project's style and save it as results/NAME.png."""
     from matplotlib.figure import Figure
 
-    from vlmb.style import style
+    from vlmb.views.style import style
 
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{name}.png"

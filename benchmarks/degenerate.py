@@ -20,12 +20,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.coordinates import kinematics
-from vlmb.equations import equations_of_motion
+from vlmb.equations.motion import equations_of_motion
 from vlmb.errors import SingularError
-from vlmb.mechanism import Mechanism, build
-from vlmb.scene import Scene
-from vlmb.style import BLACK, GREY, PALETTE
+from vlmb.model.coordinates import kinematics
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.scene.scene import Scene
+from vlmb.views.style import BLACK, GREY, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

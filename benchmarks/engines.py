@@ -14,7 +14,7 @@ from common import save_figure, table, write_report
 # isort: split
 from work_precision import ERRORS, one_scene, ratio_rows
 
-from vlmb.style import BLACK, GREY, PALETTE
+from vlmb.views.style import BLACK, GREY, PALETTE
 
 SCENES = {  # repeats, and seconds of a run that ends an engine's line
     "one link": (5, 0.6),

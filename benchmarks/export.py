@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import vlmb
-from vlmb.page import ROOT
-from vlmb.scenery import Scenery, of_trajectory
-from vlmb.view import export_html
+from vlmb.views.page import ROOT
+from vlmb.views.view import export_html
+from vlmb.views.visual_model import Scenery, of_trajectory
 
 Array = NDArray[Any]
 

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.reference.witness import Witness
 from vlmb import Scene, Trajectory, VlmbError, build, simulate
-from vlmb.dynamics import Dynamics
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))  # the witnesses live there
-
-from witness import Witness
+from vlmb.system.dynamics import Dynamics
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]

@@ -24,8 +24,7 @@ from hard_finding import (
 from naive import paper_chart, pin_integrate
 
 import vlmb
-
-import exact  # isort: skip
+from tests.reference import exact
 
 LEANING = "phi1 = phi0 + 1.5707963267948966"
 OFFSETS = (0.0, 1e-12, 1e-9, 1e-6, 1e-3)

@@ -12,12 +12,11 @@ from hard_finding import ANY_LENGTH, PIVOT, SKI, TIGHT, Array, Finding, Table, j
 from naive import paper_chart, pin_integrate
 
 import vlmb
-from vlmb.dynamics import Dynamics
-from vlmb.integrate import METHODS
-from vlmb.start import consistent_start
-
-import exact  # isort: skip
-from two_rods import TwoRods, growth_rate  # isort: skip
+from tests.reference import exact
+from tests.reference.two_rods import TwoRods, growth_rate
+from vlmb.simulation.integrate import METHODS
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.start import consistent_start
 
 BAD = (math.inf, -math.inf, math.nan, 5e-324, 1e-310, 1.7e308)
 
@@ -119,7 +118,7 @@ def march(
         y = driver.advance(step * steps * k / 1000.0) if k else y
         q, v = dynamics.unpack(0.0, y)
         energy = pin.computeKineticEnergy(model, data, q, v) + pin.computePotentialEnergy(model, data, q)
-        energy += float(vlmb.springs.spring_energy(mechanism, q[None])[0])
+        energy += float(vlmb.system.springs.spring_energy(mechanism, q[None])[0])
         pin.crba(model, data, q, pin.Convention.WORLD)
         energy += sum(spring.energy(dynamics.frames) for spring in dynamics.direction_springs)
         first = energy if k == 0 else first

@@ -27,10 +27,10 @@ from hard_finding import (
 from naive import SCHEMES
 
 import vlmb
-from vlmb.dynamics import Dynamics
-from vlmb.gains import largest_stable_step
-from vlmb.integrate import MAX_ITERATIONS, METHODS, ROOT
-from vlmb.start import consistent_start
+from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.gains import largest_stable_step
+from vlmb.system.start import consistent_start
 
 SPRINGS: Table = {
     "lower": {"length": 0.3, "stiffness": 4e3, "limits": ANY_LENGTH},
@@ -362,7 +362,7 @@ def gains(quick: bool = False) -> list[Finding]:
     times = np.linspace(0.0, 2.0, 41)
     keys: Table = {"slope": 0.2, "start": {"phi0_dot": 1.5, "psi1": 1.0, "speed": 2.0, "phi1_dot": 0.5}}
     case = scene(SKI, [WEIGHTY], run=TIGHT | {"rtol": 1e-9, "atol": 1e-11}, **keys)
-    best = tips(run(case.changed(run=msgspec.to_builtins(vlmb.scene.Run(**TIGHT))), times[:11]))
+    best = tips(run(case.changed(run=msgspec.to_builtins(vlmb.scene.tables.Run(**TIGHT))), times[:11]))
     for method in ("adams", "dop853", "bdf", "radau"):
         for gain in PER_SECOND[:: 4 if quick else 1]:
             way = run(case, times[:11], method=method, knife_edge="multiplier", gain=gain)

@@ -24,10 +24,10 @@ import pinocchio as pin
 from rhs_cost import Array, chain, evaluation, measured, micro, posture, reference, resident
 
 import vlmb
-from vlmb.dynamics import Dynamics
-from vlmb.long_chains import LONG_CHAIN
-from vlmb.mechanism import Mechanism, build, data_bytes
-from vlmb.style import BLACK, PALETTE
+from vlmb.model.long_chains import LONG_CHAIN
+from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.system.dynamics import Dynamics
+from vlmb.views.style import BLACK, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,10 +14,10 @@ from common import RESULTS, save_figure, table, write_report
 import numpy as np
 import pinocchio as pin
 
-from vlmb.mechanism import Mechanism, build
-from vlmb.scene import load_scene
-from vlmb.simulate import simulate
-from vlmb.style import PALETTE
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.scene.scene import load_scene
+from vlmb.simulation.simulate import simulate
+from vlmb.views.style import PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

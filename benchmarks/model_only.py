@@ -27,9 +27,9 @@ from rhs_cost import chain, imports, micro
 
 import vlmb
 from vlmb.cli import independent
-from vlmb.dynamics import Dynamics
-from vlmb.mechanism import Mechanism, build, data_bytes
-from vlmb.start import consistent_start
+from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.start import consistent_start
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 HEAVY = ("sympy", "matplotlib", "meshcat", "tqdm")
@@ -244,8 +244,8 @@ import json, os, sys
 import vlmb
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-from vlmb.dynamics import Dynamics
-from vlmb.start import consistent_start
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.start import consistent_start
 scene = vlmb.load_scene(sys.argv[1])
 before = resident()
 mechanism = vlmb.build(scene)

@@ -14,13 +14,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from vlmb.dynamics import Dynamics
-from vlmb.equations import equations_of_motion
+from vlmb.equations.motion import equations_of_motion
 from vlmb.errors import VlmbError
-from vlmb.integrate import euler, rk4
-from vlmb.mechanism import Mechanism, build
-from vlmb.scene import Scene
-from vlmb.start import consistent_start
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.scene.scene import Scene
+from vlmb.simulation.integrate import euler, rk4
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.start import consistent_start
 
 Array = NDArray[np.float64]
 FINISHED = "finished"

@@ -20,9 +20,9 @@ import numpy as np
 from scipy.linalg import lapack
 
 import vlmb
-from vlmb.dynamics import Dynamics
-from vlmb.mechanism import build
-from vlmb.style import GREY, PALETTE
+from vlmb.model.mechanism import build
+from vlmb.system.dynamics import Dynamics
+from vlmb.views.style import GREY, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

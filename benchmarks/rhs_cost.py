@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 import vlmb
-from vlmb.coordinates import Layout
-from vlmb.dense import cross_of
-from vlmb.dynamics import Dynamics
-from vlmb.long_chains import LONG_CHAIN
-from vlmb.mechanism import Mechanism, build, data_bytes
-from vlmb.style import BLACK, GREY, PALETTE
+from vlmb.model.coordinates import Layout
+from vlmb.model.long_chains import LONG_CHAIN
+from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.system.dense import cross_of
+from vlmb.system.dynamics import Dynamics
+from vlmb.views.style import BLACK, GREY, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,11 +13,11 @@ from common import CLOCK
 import numpy as np
 from peers.chain import Outcome
 
-from vlmb.bench import ERRORS
-from vlmb.mechanism import build
-from vlmb.scene import Scene
-from vlmb.simulate import simulate
-from vlmb.work_precision import TIGHT, Array, cost_at, observe
+from vlmb.model.mechanism import build
+from vlmb.scene.scene import Scene
+from vlmb.simulation.simulate import simulate
+from vlmb.studies.bench import ERRORS
+from vlmb.studies.work_precision import TIGHT, Array, cost_at, observe
 
 FINE = tuple(10.0 ** -(k / 2) for k in range(4, 25))
 BASELINE = "plain_pinocchio"

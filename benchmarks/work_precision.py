@@ -23,11 +23,12 @@ import numpy as np
 from peers.chain import UnsupportedError
 from rivals import BASELINE, NEARBY, SAMPLED, Rival, end_of, ours, ratios_nearby
 
-from vlmb.bench import COSTS, ERRORS, as_data, draw, legend, section, table
-from vlmb.scene import Scene, load_scene
-from vlmb.simulate import simulate
-from vlmb.style import BLACK, GREY, PALETTE
-from vlmb.work_precision import TIGHT, Array, Entry, Measured, Motion, Variant, cost_at, measure
+from vlmb.scene.scene import Scene, load_scene
+from vlmb.simulation.simulate import simulate
+from vlmb.studies.bench import ERRORS, as_data, section, table
+from vlmb.studies.work_precision import TIGHT, Array, Entry, Measured, Motion, Variant, cost_at, measure
+from vlmb.views.style import BLACK, GREY, PALETTE
+from vlmb.views.work_precision_plots import COSTS, draw, legend
 
 MODELS = RESULTS.parents[1] / "models"
 TARGETS = {"one link": (0.40, 0.30, 0.33), "two links": (0.30, 0.30, 0.33), "skier, spring link": (0.30, 0.24, 0.35)}

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import vlmb
-from vlmb.plots import DPI, save_all
-from vlmb.programme_plots import convergence
+from vlmb.views.plots import DPI, save_all
+from vlmb.views.programme_plots import convergence
 
 ROOT = Path(__file__).resolve().parent.parent
 TILT = 0.01  # [rad] off the vertical at the start
@@ -86,7 +86,7 @@ def main() -> int:
     both = {f"step {step:g} s, {word}": runs[step] for runs, word in ((euler, "stabilized"), (free, "not")) for step in two}
     draw("stabilization", both)
     draw("methods", {"Euler, 0.002 s": euler[0.002], "RK4, 0.04 s": rk4[0.04], f"Adams, rtol {ADAMS:g}": adams})
-    from vlmb.style import style
+    from vlmb.views.style import style
 
     for text in texts:
         curves = {

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import vlmb
-from vlmb.view import export_html, picture
+from vlmb.views.view import export_html, picture
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_scenes import FIXED, PIVOT, SKI, Table, link, write_toml
 
 import vlmb
+from tests.small_scenes import FIXED, PIVOT, SKI, Table, link, write_toml
 from vlmb import cli
 from vlmb.cli import main
 

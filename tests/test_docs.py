@@ -13,10 +13,10 @@ from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
 import pytest
-from page_runner import agree, blocks_of, commands_of
 
 import vlmb
-from vlmb.plots import PLOTS
+from tests.page_runner import agree, blocks_of, commands_of
+from vlmb.views.plots import PLOTS
 
 for package in ("mkdocs", "mkdocstrings", "material", "math_core", "nbclient", "nbformat", "ipykernel", "PIL", "meshcat"):
     pytest.importorskip(package, reason=f"{package} is not installed, so the site cannot be built")
@@ -155,7 +155,7 @@ def test_every_public_name_is_on_the_api_page(site: Path, pages: dict[str, Found
         path = entry.__name__ + "." if inspect.ismodule(entry) else f"{entry.__module__}.{entry.__qualname__}"
         assert any(anchor.startswith(path) for anchor in known), f"{name} is missing in docs/api.md"
     for name in ("show", "play", "export_html", "picture"):
-        assert f"vlmb.view.{name}" in known
+        assert f"vlmb.views.view.{name}" in known
     text = (site / "api.html").read_text("utf-8")
     for name in PLOTS:
         assert f"<code>{name}</code>" in text, f"the figure {name} is missing in docs/api.md"

@@ -21,7 +21,8 @@ import hard_rows
 from common import RESULTS
 from hard_cases import CASES, rows_of, stored_findings, summary
 from hard_finding import PIVOT, Finding, rod, scene
-from two_rods import TwoRods
+
+from tests.reference.two_rods import TwoRods
 
 
 def findings(case: int) -> list[Finding]:

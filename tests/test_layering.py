@@ -1,154 +1,195 @@
-"""Imports in vlmb/ run one way, in the order of the table "Layout" of CONTRIBUTING.md; closed_form imports numpy alone."""
+"""Imports in vlmb/ run one way: between folders as CONTRIBUTING.md allows (table "Layout"), within a folder without a circle.
+
+Every kind counts: at the top, in functions, under TYPE_CHECKING, and by name through importlib.
+"""
 
 from __future__ import annotations
 
 import ast
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "vlmb"
+LONGEST = 380  # lines of a file that is taken in at one sitting
 
 
-def documented_order() -> list[str]:
+class Import(NamedTuple):
+    """An import: where it stands, which module it is in and which it loads, as dotted names without the package's."""
+
+    where: str
+    importer: str
+    imported: str
+
+
+def documented_layout() -> dict[str, set[str]]:
+    """Folder or module -> what it may import, itself and what those import included."""
     section = re.search(r"^## Layout$(.*?)^## ", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.M | re.S)
     assert section, "CONTRIBUTING.md has no section 'Layout'"
-    return re.findall(r"^\| `(\w+)` \|", section[1], re.M)
-
-
-def module_names(package: Path) -> set[str]:
-    """Names of the modules and subpackages of a package, itself as `__init__`."""
-    return {path.stem for path in package.glob("*.py")} | {path.parent.name for path in package.glob("*/__init__.py")}
-
-
-def sources(package: Path) -> Iterator[tuple[str, Path]]:
-    """Every source file with the module of the table it counts as; a subpackage counts as one module."""
-    for path in sorted(package.rglob("*.py")):
-        yield path.relative_to(package).with_suffix("").parts[0], path
-
-
-def imports(tree: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
-    """Every import that is carried out, in functions too; `if TYPE_CHECKING:` is not."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and ast.unparse(node.test).rpartition(".")[2] == "TYPE_CHECKING":
-            for other in node.orelse:
-                yield from imports(ast.Module([other], []))
-        elif isinstance(node, (ast.Import, ast.ImportFrom)):
-            yield node
-        else:
-            yield from imports(node)
-
-
-def modules_of(node: ast.Import | ast.ImportFrom, path: Path, package: Path) -> list[str]:
-    """Absolute dotted names of what an import loads: `from vlmb import forces` loads vlmb.forces, `import simulate` vlmb."""
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    source = node.module or ""
-    if node.level:
-        at = [package.name, *path.relative_to(package).parent.parts]
-        source = ".".join([*at[: len(at) - node.level + 1], *filter(None, [node.module])])
-    if source == package.name:
-        known = module_names(package)
-        return [f"{source}.{alias.name}" if alias.name in known else source for alias in node.names]
-    return [source]
-
-
-def violations(package: Path, order: Sequence[str]) -> list[str]:
-    """Say of every import of a later module, and of every module missing on either side, what to change."""
-    modules = module_names(package)
-    found = [f"{name}: not in the table; add a row below everything it imports" for name in sorted(modules - set(order))]
-    found += [f"{name}: in the table, but there is no such module; remove its row" for name in order if name not in modules]
-    found += [f"{name}: two rows; keep one" for name in sorted(set(order)) if order.count(name) > 1]
-    for importer, path in sources(package):
-        for node in imports(ast.parse(path.read_text(encoding="utf-8"))):
-            for target in modules_of(node, path, package):
-                head, _, rest = target.partition(".")
-                imported = rest.split(".")[0] or "__init__"
-                if head != package.name or imported == importer or not {importer, imported} <= set(order):
-                    continue
-                if order.index(imported) > order.index(importer):
-                    advice = "import from the module itself" if imported == "__init__" else "move the code, or its row"
-                    where = f"{path.relative_to(package.parent)}:{node.lineno}"
-                    found.append(f"{where}: imports {target}, which is below {importer} in the table; {advice}")
+    rows = re.findall(r"^\| `(\w+)` \|[^|]*\|([^|]*)\|$", section[1], re.M)
+    assert rows, "the section 'Layout' has no table | `folder` | holds | imports |"
+    found: dict[str, set[str]] = {}
+    for name, imports in rows:
+        named = set(re.findall(r"`(\w+)`", imports))
+        assert named <= found.keys(), f"{name} imports what stands below it in the table: {sorted(named - found.keys())}"
+        found[name] = {name}.union(*(found[other] for other in named))
     return found
 
 
+def modules(package: Path) -> dict[str, Path]:
+    """Dotted names of all modules without the package's; a folder's own code is its name, the package's own `__init__`."""
+    found = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)] = path
+    return found
+
+
+def imports(package: Path) -> Iterator[Import]:
+    """Every import of one module of the package by another."""
+    known = modules(package)
+    for importer, path in known.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            for target in targets(node, path, package):
+                head, _, inner = target.partition(".")
+                if head != package.name:
+                    continue
+                while inner and inner not in known:  # a name in a module
+                    inner = inner.rpartition(".")[0]
+                imported = inner or "__init__"
+                if imported != importer:
+                    yield Import(f"{path.relative_to(package.parent)}:{getattr(node, 'lineno', 0)}", importer, imported)
+
+
+def targets(node: ast.AST, path: Path, package: Path) -> list[str]:
+    """Dotted names that a node loads; `from a import b` is a.b. A text that is the dotted name of a module counts as well."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        source = node.module or ""
+        if node.level:
+            at = [package.name, *path.relative_to(package).parent.parts]
+            source = ".".join([*at[: len(at) - node.level + 1], *filter(None, [node.module])])
+        return [f"{source}.{alias.name}" for alias in node.names]
+    if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith(f"{package.name}."):
+        return [node.value] if node.value.removeprefix(f"{package.name}.") in modules(package) else []
+    return []
+
+
+def part(module: str) -> str:
+    """Folder, or module beside the folders."""
+    return module.partition(".")[0]
+
+
+def violations(package: Path, layout: Mapping[str, set[str]]) -> list[str]:
+    """Say of every import that the layout does not allow, and of every part missing on either side, what to change."""
+    parts = {part(name) for name in modules(package)} - {"__init__"}
+    found = [f"{name}: not in the table; add a row" for name in sorted(parts - layout.keys())]
+    found += [f"{name}: in the table, but there is no such folder; remove its row" for name in sorted(layout.keys() - parts)]
+    for entry in imports(package):
+        importer, imported = part(entry.importer), part(entry.imported)
+        if importer in layout and importer != imported and imported not in layout[importer]:
+            allowed = ", ".join(sorted(layout[importer]))
+            found.append(f"{entry.where}: {entry.importer} imports {entry.imported}; {importer} may import {allowed}")
+    return found
+
+
+def circle(package: Path) -> list[str]:
+    """Modules that import each other in a ring; folders' own code and the package's own are left out."""
+    graph: dict[str, set[str]] = {name: set() for name in modules(package)}
+    for entry in imports(package):
+        if "." in entry.imported or entry.imported in graph:
+            graph[entry.importer].add(entry.imported)
+    graph.pop("__init__", None)
+    for name in graph:
+        graph[name].discard("__init__")
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return [str(name) for name in error.args[1]]
+    return []
+
+
 def test_imports_run_one_way() -> None:
-    found = violations(PACKAGE, documented_order())
+    found = violations(PACKAGE, documented_layout())
     assert not found, "\n".join(["the order of imports (CONTRIBUTING.md, Layout) is broken:", *found])
+
+
+def test_there_is_no_circle() -> None:
+    assert circle(PACKAGE) == []
 
 
 def test_closed_form_imports_numpy_alone() -> None:
     allowed = {"numpy", *sys.stdlib_module_names}
-    for module, path in sources(PACKAGE):
-        if module == "closed_form":
-            for node in imports(ast.parse(path.read_text(encoding="utf-8"))):
-                for target in modules_of(node, path, PACKAGE):
-                    inside = f"{target}.".startswith("vlmb.closed_form.")
-                    assert inside or target.partition(".")[0] in allowed, f"{path.name}:{node.lineno} imports {target}"
+    for name, path in modules(PACKAGE).items():
+        if name.startswith("equations.closed_form"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                for target in targets(node, path, PACKAGE):
+                    inside = f"{target}.".startswith("vlmb.equations.closed_form.")
+                    assert inside or target.partition(".")[0] in allowed, f"{path.name} imports {target}"
+
+
+def test_a_file_is_taken_in_at_one_sitting() -> None:
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in modules(PACKAGE).items()}
+    assert not {name: length for name, length in lengths.items() if length > LONGEST}
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "import vlmb.high",
+        "import vlmb.high.top",
         "import vlmb",
-        "from vlmb.high import f",
-        "from vlmb import high",
+        "from vlmb.high.top import f",
+        "from vlmb.high import top",
         "from vlmb import f",
-        "from . import high",
-        "from .high import f",
-        "def late():\n    from vlmb.high import f",
+        "from .. import high",
+        "from ..high.top import f",
+        "def late():\n    from vlmb.high.top import f",
         "class A:\n    def late(self):\n        if self:\n            import vlmb.high",
-        "if TYPE_CHECKING:\n    pass\nelse:\n    from vlmb.high import f",
-        "try:\n    from vlmb.part.inner import f\nexcept ImportError:\n    pass",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from vlmb.high.top import f",
+        "import importlib\nimportlib.import_module('vlmb.high.top')",
+        "try:\n    from vlmb.high.top import f\nexcept ImportError:\n    pass",
     ],
 )
-def test_imports_of_later_modules_are_found(tmp_path: Path, text: str) -> None:
+def test_forbidden_imports_are_found(tmp_path: Path, text: str) -> None:
     package = make_package(tmp_path, low=text)
-    (found,) = violations(package, ["low", "middle", "part", "high", "__init__"])
-    assert found.startswith(f"vlmb/low.py:{1 + text[: text.rindex('import')].count(chr(10))}: imports vlmb")
+    found = violations(package, {"low": {"low"}, "high": {"low", "high"}})
+    assert len(found) == 1 and found[0].startswith("vlmb/low/one.py:")
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "import numpy",
-        "from vlmb.low import f",
-        "from vlmb import low",
-        "from .low import f",
-        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from vlmb.high import f",
-        "import typing\nif typing.TYPE_CHECKING:\n    from vlmb.high import f",
-    ],
+    "text", ["import numpy", "from vlmb.low.one import f", "from ..low import one", "from vlmb.high import f"]
 )
 def test_other_imports_are_allowed(tmp_path: Path, text: str) -> None:
-    assert violations(make_package(tmp_path, middle=text), ["low", "middle", "part", "high", "__init__"]) == []
+    assert violations(make_package(tmp_path, high=text), {"low": {"low"}, "high": {"low", "high"}}) == []
 
 
-def test_relative_imports_of_a_subpackage(tmp_path: Path) -> None:
-    order = ["low", "part", "middle", "high", "__init__"]
-    assert violations(make_package(tmp_path / "a", part="from .inner import f\nfrom ..low import f"), order) == []
-    (found,) = violations(make_package(tmp_path / "b", part="from ..high import f"), order)
-    assert "imports vlmb.high" in found
+def test_a_circle_is_found(tmp_path: Path) -> None:
+    package = make_package(tmp_path, low="def late():\n    from vlmb.low import two")
+    assert circle(package) == []
+    (package / "low" / "two.py").write_text("from vlmb.low import one", encoding="utf-8")
+    assert {"low.one", "low.two"} <= set(circle(package))
 
 
-def test_the_table_and_the_modules_agree(tmp_path: Path) -> None:
+def test_the_table_and_the_folders_agree(tmp_path: Path) -> None:
     package = make_package(tmp_path)
-    (found,) = violations(package, ["low", "middle", "part", "__init__"])
-    assert found.startswith("high: not in the table")
-    (found,) = violations(package, ["low", "middle", "part", "high", "gone", "__init__"])
+    assert violations(package, {"low": {"low"}}) == ["high: not in the table; add a row"]
+    (found,) = violations(package, {"low": {"low"}, "high": {"high"}, "gone": {"gone"}})
     assert found.startswith("gone: in the table")
 
 
 def make_package(folder: Path, **texts: str) -> Path:
     package = folder / "vlmb"
-    (package / "part").mkdir(parents=True)
-    for name in ("low", "middle", "high", "__init__"):
-        (package / f"{name}.py").write_text(texts.get(name, ""), encoding="utf-8")
-    (package / "part" / "__init__.py").write_text(texts.get("part", ""), encoding="utf-8")
-    (package / "part" / "inner.py").write_text("", encoding="utf-8")
+    for name, module in (("low", "one"), ("high", "top")):
+        (package / name).mkdir(parents=True)
+        (package / name / "__init__.py").write_text("", encoding="utf-8")
+        (package / name / f"{module}.py").write_text(texts.get(name, ""), encoding="utf-8")
+    (package / "__init__.py").write_text("", encoding="utf-8")
     return package

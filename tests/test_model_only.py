@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from small_scenes import FIXED, FLYING, PIVOT, SKI, link, scene
 
 import vlmb
-from vlmb.dynamics import Dynamics
+from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, link, scene
+from vlmb.system.dynamics import Dynamics
 
 ROOT = Path(__file__).resolve().parents[1]
 UNASKED = (
@@ -25,8 +25,8 @@ UNASKED = (
     "PIL",
     "vlmb.plots",
     "vlmb.view",
-    "vlmb.page",
-    "vlmb.canvas",
+    "vlmb.views.page",
+    "vlmb.views.canvas",
 )
 
 

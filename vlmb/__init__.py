@@ -4,13 +4,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from vlmb._version import __version__
-from vlmb.coordinates import State
-from vlmb.equations import EquationsOfMotion, equations_of_motion
+from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, TrajectoryError, VlmbError
-from vlmb.mechanism import Mechanism, build
-from vlmb.scene import Scene, load_scene
-from vlmb.simulate import simulate
-from vlmb.trajectory import Trajectory, load_trajectory
+from vlmb.model.coordinates import State
+from vlmb.model.display import Displayed
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.scene.scene import Scene, load_scene
+from vlmb.simulation.simulate import simulate
+from vlmb.simulation.trajectory import Trajectory, load_trajectory
 
 __all__ = [
     "EquationsOfMotion",
@@ -36,14 +37,31 @@ __all__ = [
     "view",
 ]
 
+
+def _card(what: Any) -> str:
+    """Show a mechanism or a trajectory in a notebook."""
+    from vlmb.views.notebook import card
+
+    return card(what)
+
+
+Displayed.card = staticmethod(_card)
+
 if TYPE_CHECKING:
-    from vlmb import closed_form, hinge_moments, plots, view
+    from vlmb.equations import closed_form, hinge_moments
+    from vlmb.views import plots, view
 else:
+    LATER = {
+        "closed_form": "vlmb.equations.closed_form",
+        "hinge_moments": "vlmb.equations.hinge_moments",
+        "plots": "vlmb.views.plots",
+        "view": "vlmb.views.view",
+    }
 
     def __getattr__(name: str) -> Any:
         """Import a module that few need when it is first asked for."""
-        if name in ("closed_form", "hinge_moments", "plots", "view"):
-            return importlib.import_module(f"vlmb.{name}")
+        if name in LATER:
+            return importlib.import_module(LATER[name])
         raise AttributeError(f"module 'vlmb' has no attribute {name!r}")
 
     def __dir__() -> list[str]:

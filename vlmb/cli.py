@@ -6,29 +6,38 @@ Exit codes: 0 done, 1 failed or refused, 2 wrong usage.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
-from vlmb import bench, matrices, view
 from vlmb._version import __version__
+from vlmb.equations import matrices
+from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
-from vlmb.integrate import METHODS
-from vlmb.long_chains import is_long
-from vlmb.mechanism import Mechanism, build, data_bytes
-from vlmb.scene import Scene, load_scene
-from vlmb.simulate import check, run_options, simulate
-from vlmb.start import Start, consistent_start
-from vlmb.symbols import counted
-from vlmb.trajectory import Trajectory, load_trajectory
+from vlmb.model.long_chains import is_long
+from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.model.symbols import counted
+from vlmb.scene.scene import Scene, load_scene
+from vlmb.simulation.integrate import METHODS
+from vlmb.simulation.simulate import check, run_options, simulate
+from vlmb.simulation.trajectory import Trajectory, load_trajectory
+from vlmb.studies import bench
+from vlmb.studies.work_precision import measure
+from vlmb.system.start import Start, consistent_start
+from vlmb.views import view, work_precision_plots
+from vlmb.views.page import page
+from vlmb.views.stills import animation, frames
+from vlmb.views.visual_model import Scenery, of_trajectory
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; print errors as one sentence on stderr."""
-    parser = _parser()
+    parser = make_parser()
     args = parser.parse_args(arguments)
     try:
         return int(args.run(args))
@@ -47,7 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Describe every command."""
     parser = argparse.ArgumentParser(prog="vlmb", description="Mechanisms whose links change their length, on Pinocchio.")
     parser.add_argument("--version", action="version", version=f"vlmb {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -75,12 +85,12 @@ def _parser() -> argparse.ArgumentParser:
     checked = command("check", "validate a scene without running it", _check)
     checked.add_argument("scene", help="scene file (.toml)")
     what = "print the blocks of the equations of motion (4.1) at a posture, without the scene's forces and constraints"
-    blocks = command("matrices", what, matrices.run)
-    matrices.add_arguments(blocks)
-    seen = command("view", "show a scene or play a run in the browser, or write it as html, pictures or a gif", view.run)
-    view.add_arguments(seen)
-    measured = command("bench", "measure error against CPU time of every method and form of the knife edge", bench.run)
-    bench.add_arguments(measured)
+    blocks = command("matrices", what, _matrices)
+    _matrices_arguments(blocks)
+    seen = command("view", "show a scene or play a run in the browser, or write it as html, pictures or a gif", _view)
+    _view_arguments(seen)
+    measured = command("bench", "measure error against CPU time of every method and form of the knife edge", _bench)
+    _bench_arguments(measured)
     plot = command("plot", "draw the plots of stored runs; several runs share one figure", _plot)
     plot.add_argument("runs", nargs="+", help="stored runs (.npz)")
     plot.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
@@ -129,7 +139,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _draw(trajectory: Trajectory, folder: Path) -> list[Path]:
-    from vlmb.plots import save_all
+    from vlmb.views.plots import save_all
 
     return save_all(trajectory, folder)
 
@@ -193,11 +203,127 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _plot(args: argparse.Namespace) -> int:
-    from vlmb.plots import save_all
+    from vlmb.views.plots import save_all
 
     runs = [load_trajectory(path) for path in args.runs]
     written = save_all(runs if len(runs) > 1 else runs[0], args.output, args.only)
     print("wrote " + ", ".join(str(file) for file in written))
+    return 0
+
+
+def _matrices_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument(
+        "--at", action="append", nargs="+", metavar="NAME=VALUE", default=[],
+        help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 phi1_dot=0.5 speed=8 [m, rad, s]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--block", action="append", nargs="+", metavar="NAME", default=[],
+        help="A B C1 C2 D E F1 F2 G H1 H2 K, X Y PHI0 and others of a base, mass_matrix, bias; default: every block",
+    )  # fmt: skip
+    parser.add_argument("--form", choices=FORMS, default="full", help="which equations of a ski (default: full)")
+    parser.add_argument("--format", choices=matrices.FORMATS, default="text", help="default: text")
+    parser.add_argument("-o", "--output", type=Path, help="file to write instead of printing")
+
+
+def _matrices(args: argparse.Namespace) -> int:
+    wanted = [entry for group in args.block for entry in group]
+    with np.errstate(all="ignore"):
+        eom = matrices.at_posture(args.scene, [entry for group in args.at for entry in group], args.form)
+        found = matrices.tables(eom, wanted)
+    if not all(np.isfinite(table.values).all() for table in found):
+        raise VlmbError("entries of the blocks overflow at this posture: a length or rate in --at is too large")
+    if args.format == "npz":
+        if args.output is None:
+            raise VlmbError("--format npz: a binary file needs --output FILE")
+        with args.output.open("wb") as file:
+            np.savez(file, **matrices.arrays(eom, wanted))  # type: ignore[arg-type]
+    else:
+        content = {"text": matrices.text, "latex": matrices.latex, "csv": matrices.comma_separated}[args.format](eom, found)
+        if args.output is None:
+            print(content, end="")
+            return 0
+        args.output.write_text(content, encoding="utf-8")
+    print(f"wrote {args.output}")
+    return 0
+
+
+def _view_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file (.toml): its start; stored run (.npz): its motion")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write one self-contained page instead of opening a browser")
+    parser.add_argument("--png", type=Path, metavar="FILE", help="write a still")
+    parser.add_argument("--time", type=float, metavar="T", help="[s] of the still (default: the end)")
+    parser.add_argument("--ghosts", type=int, default=0, metavar="N", help="earlier postures in the still, paler")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
+    parser.add_argument("--mp4", type=Path, metavar="FILE", help="write a film; needs the extra `film`")
+    parser.add_argument("--frames", type=Path, metavar="DIR", help="write one PNG a frame, for a film")
+    parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and films")
+    parser.add_argument("--fps", type=float, help="frames a second (default: page 60, frames and MP4 30, GIF 20)")
+    parser.add_argument("--speed", type=float, default=1.0, help="times real time (default: 1)")
+    parser.add_argument("--arrows", action="store_true", help="draw gravity and the edge force")
+    parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
+    parser.add_argument("--port", type=int, default=0, help="of the page on this machine (default: any free one)")
+
+
+def _view(args: argparse.Namespace) -> int:
+    for name, value in (("--speed", args.speed), ("--fps", args.fps), *(("--size", side) for side in args.size or ())):
+        if value is not None and not 0.0 < value < 1e5:
+            raise VlmbError(f"{name} {value:g}: must be positive")
+    what = load_trajectory(args.what) if Path(args.what).suffix == ".npz" else check(load_scene(args.what))[0]
+
+    if not isinstance(what, Trajectory) and (args.time is not None or args.ghosts):
+        raise VlmbError(f"{args.what}: a scene shows its start; --time and --ghosts need a stored run (.npz)")
+
+    def made(fps: float) -> Scenery:
+        return of_trajectory(what, fps, args.arrows) if isinstance(what, Trajectory) else view.posture(what, None, args.arrows)
+
+    size: dict[str, Any] = {"size": tuple(args.size)} if args.size else {}
+    written: list[Path] = []
+    if args.png:
+        view.picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size).save(args.png)
+        written.append(args.png)
+    for path, usual in ((args.gif, 20.0), (args.mp4, 30.0)):
+        if path:
+            fps = args.fps or usual
+            written.append(animation(made(fps / args.speed), path, fps=fps, speed=args.speed, **size))
+    if args.frames:
+        written += frames(made(args.fps or 30.0), args.frames, fps=args.fps or 30.0, **size)[:1]
+    if args.html:
+        args.html.write_text(page(made(args.fps or view.FPS), args.speed), encoding="utf-8")
+        written.append(args.html)
+    if written:
+        print("wrote " + ", ".join(str(path) for path in written) + (", ..." if args.frames else ""))
+        return 0
+    view.keep(view.serve(page(made(args.fps or view.FPS), args.speed), not args.no_browser, args.port))
+    return 0
+
+
+def _bench_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files (.toml)")
+    parser.add_argument("--duration", type=float, help="[s]")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, help="default: all")
+    parser.add_argument("--repeats", type=int, default=5, help="turns through all runs; the fastest counts")
+    parser.add_argument("--budget", type=float, default=1.0, help="[s] a sweep ends after a run that took longer")
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/bench"), help="folder for bench.md, .json and .png")
+
+
+def _bench(args: argparse.Namespace) -> int:
+    if args.repeats < 1 or not args.budget > 0.0:
+        raise VlmbError("bench: --repeats must be at least 1 and --budget positive")
+    found = [
+        measure(load_scene(path), args.duration, args.methods, repeats=args.repeats, budget=args.budget, progress=print)[0]
+        for path in args.scenes
+    ]
+    args.output.mkdir(parents=True, exist_ok=True)
+    where = bench.footer()
+    page = "\n\n".join(["# Work and precision", *(bench.section(entry) for entry in found)])
+    files = [args.output / f"bench.{end}" for end in ("md", "json", "png")]
+    files[0].write_text(f"{page}\n\nMeasured by `vlmb bench` on {where}\n", encoding="utf-8")
+    data = {"scenes": [bench.as_data(entry) for entry in found], "machine": where}
+    files[1].write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    work_precision_plots.save(found, files[2])
+    print(page)
+    print("wrote " + ", ".join(map(str, files)))
     return 0
 
 

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.scene import Scene
-from vlmb.tables import Link, Segment
+from vlmb.scene.scene import Scene
+from vlmb.scene.tables import Link, Segment
 
 Array = NDArray[np.float64]
 

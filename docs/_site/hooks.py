@@ -117,7 +117,7 @@ def gallery() -> str:
 
 def figures() -> str:
     """Every figure of `vlmb plot` with what its function says of itself."""
-    from vlmb.plots import PLOTS
+    from vlmb.views.plots import PLOTS
 
     rows = [f"| `{name}` | {' '.join((make.__doc__ or '').partition(chr(10) * 2)[0].split())} |" for name, make in PLOTS.items()]
     return "\n".join(["| figure | |", "| --- | --- |", *rows])

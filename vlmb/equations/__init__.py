@@ -1,0 +1,1 @@
+"""The paper's equations of motion as matrices."""

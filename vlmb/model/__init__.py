@@ -1,0 +1,1 @@
+"""The mechanism: a scene as a Pinocchio model, its coordinates and their names."""

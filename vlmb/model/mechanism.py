@@ -1,0 +1,342 @@
+"""The mechanism: a Pinocchio model generated from a scene, with its index maps and what was left out.
+
+    hinge (ball) -- lower segment (prismatic x) -- [ rod ] -- upper segment (prismatic x) -- tip
+
+A fixed segment makes no joint; an upper segment on which nothing hangs makes none either.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from vlmb.errors import SceneError, VlmbError
+from vlmb.model import coordinates as chart
+from vlmb.model.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
+from vlmb.model.display import Displayed
+from vlmb.model.long_chains import is_long
+from vlmb.scene.expressions import evaluate, parse
+from vlmb.scene.scene import Scene
+from vlmb.scene.tables import BASE, Segment
+
+POINTS = ("hinge", "rod_start", "rod_end", "tip")
+# A thin rod has no axial inertia, and a ball joint then a singular matrix. Without axial torque any positive value
+# gives the thin rod's motion; this multiple of the inertia about the hinge keeps the matrix well conditioned.
+AXIAL_RATIO = 1.0
+
+
+@dataclass(frozen=True)
+class Mechanism(Displayed):
+    """What `build` makes of a scene. `data` is scratch space: one thread at a time."""
+
+    scene: Scene
+    model: Any  # pinocchio.Model
+    layout: Layout
+    frames: Mapping[str, int]  # "legs.tip" -> frame id
+    left_out: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"<Mechanism of {self.scene.name!r}: {' '.join(self.coordinate_names)}>"
+
+    @cached_property
+    def data(self) -> Any:
+        """Scratch space, a pinocchio.Data, made when first asked for: a chain cut into sub-chains runs without it.
+
+        Raises VlmbError where it does not fit in memory.
+        """
+        _refuse_what_does_not_fit(self.model.nv)
+        data = pin.Data(self.model)
+        if not self.model.check(data):
+            raise VlmbError("internal: joints are not depth-first; crba would be wrong")
+        return data
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """The paper's coordinates in this scene: `x y phi0`, then `phi1 psi1 xi1_1 xi1_2`, ..."""
+        return self.layout.names
+
+    def segment(self, coordinate: Coordinate) -> Segment:
+        """Return what the scene says of the segment whose length a coordinate is."""
+        return self.scene.links[coordinate.link].segment(coordinate.segment)
+
+    def state(self, coordinates: Mapping[str, float], rates: Mapping[str, float] | None = None) -> State:
+        """Turn all coordinates, and rates (`phi1_dot`; missing ones 0), into Pinocchio's (q, v).
+
+        Raises SceneError naming a missing, unknown or non-finite coordinate.
+        """
+        return chart.make_state(self.layout, coordinates, rates)
+
+    def coordinates(self, state: tuple[Any, Any], near: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Read coordinates and rates of a state (q, v), angles on the branch nearest to `near`."""
+        reference = None
+        if near is not None:
+            reference = np.array([near.get(name, 0.0) for name in self.layout.names])
+        values, rates = chart.read_coordinates(self.layout, np.asarray(state[0]), np.asarray(state[1]), reference)
+        named = dict(zip(self.layout.names, values.tolist(), strict=True))
+        return named | {f"{name}_dot": rate for name, rate in zip(self.layout.names, rates.tolist(), strict=True)}
+
+    def position(self, state: tuple[Any, Any], link: str, point: str = "tip") -> np.ndarray:
+        """Position (3,) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
+        from_name = f"{link}.{point}"
+        if from_name not in self.frames:
+            raise SceneError(f"unknown point {from_name!r}; points: {', '.join(self.frames)}")
+        pin.forwardKinematics(self.model, self.data, pin.normalize(self.model, np.asarray(state[0], dtype=float)))
+        return np.array(pin.updateFramePlacement(self.model, self.data, self.frames[from_name]).translation)
+
+
+def build(scene: Scene) -> Mechanism:
+    """Generate the Pinocchio model of a scene.
+
+    Raises SceneError where the scene has a motion without mass, VlmbError where the model does not fit in memory. A chain
+    that runs as sub-chains need not fit, except on a ski, whose snow forces and falls are of the one model.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{scene!r:.80}: must be a Scene, from load_scene or Scene.from_dict")
+    builder = _Builder(scene)
+    if scene.base.kind == "ski" or not is_long(scene):
+        _refuse_what_does_not_fit(builder.model.nv)
+    return Mechanism(scene, builder.model, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings))
+
+
+class _Builder:
+    """Adds joints depth-first: whatever the scene's order, a subtree is finished before the next begins."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.model = pin.Model()
+        self.model.name = scene.name
+        self.model.gravity.linear = np.array(scene.surface_gravity)
+        self.frames: dict[str, int] = {}
+        self.left_out: list[str] = []
+        self.warnings: list[str] = []
+        self.links: dict[int, LinkIndex] = {}
+        self.order: list[int] = []
+        self.names = [link.name for link in scene.links]
+        self.children: dict[tuple[str, str], list[int]] = {}
+        for i, link in enumerate(scene.links):
+            point = "tip" if link.parent == BASE else link.parent_point
+            self.children.setdefault((link.parent, point), []).append(i)
+        self.carried = [self._carried(i) for i in range(len(scene.links))]
+        base = self._add_base()
+        for first in self.children.get((BASE, "tip"), []):
+            self._add_link(first, base, np.zeros(3))
+        self._look_for_straight_legs()
+
+    def layout(self) -> Layout:
+        links = tuple(self.links[i] for i in range(len(self.links)))
+        plane = self.scene.plane
+        base = chart.BASE_COORDINATES[self.scene.base.kind]
+        if self.scene.base.kind == "free" and plane:
+            base = ("x", "z")
+        coordinates = [Coordinate(name, name, -1) for name in base]
+        for i, link in enumerate(links):
+            if not plane:
+                coordinates.append(Coordinate(f"phi{i + 1}", "phi", i))
+            coordinates.append(Coordinate(f"psi{i + 1}", "psi", i))
+            for which, segment in ((1, link.lower), (2, link.upper)):
+                if segment.joint:
+                    coordinates.append(Coordinate(f"xi{i + 1}_{which}", "xi", i, which))
+        for coordinate in coordinates:
+            for name in (coordinate.name, f"{coordinate.name}_dot"):
+                if name in self.scene.parameters:
+                    raise SceneError(f"parameters.{name}: a coordinate of this scene has this name; choose another")
+        return Layout(
+            self.scene.base.kind, plane, self.model.nq, self.model.nv, links, tuple(self.order), tuple(coordinates)
+        )
+
+    def _carried(self, i: int) -> float:
+        """Mass [kg] at and beyond the tip of link i (paper.md 9: M_i^+, for a tree)."""
+        link = self.scene.links[i]
+        return link.tip_mass + sum(self._mass_of(child) for child in self.children.get((link.name, "tip"), []))
+
+    def _mass_of(self, i: int) -> float:
+        stack, total = [i], 0.0
+        while stack:
+            link = self.scene.links[stack.pop()]
+            total += link.rod.mass + link.tip_mass
+            for point in POINTS[1:]:
+                stack += self.children.get((link.name, point), [])
+        return total
+
+    def _add_base(self) -> int:
+        base = self.scene.base
+        if base.kind == "ski":
+            ski = self.model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "ski")
+            inertia = np.diag([0.0, base.inertia, base.inertia])  # only the vertical axis is ever used
+            body = pin.Inertia(base.mass, np.array([base.com_offset, 0.0, 0.0]), inertia)
+            self.model.appendBodyToJoint(ski, body, pin.SE3.Identity())
+            self._frame("ski", ski, np.zeros(3))
+            return ski
+        if base.kind == "free":
+            if self.scene.plane:
+                first = self.model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "base_x")
+                flying = self.model.addJoint(first, pin.JointModelPZ(), pin.SE3.Identity(), "base_z")
+            else:
+                flying = self.model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "base")
+            if base.mass:
+                point = pin.Inertia(base.mass, np.zeros(3), np.zeros((3, 3)))
+                self.model.appendBodyToJoint(flying, point, pin.SE3.Identity())
+            return flying
+        return 0
+
+    def _add_link(self, first: int, parent_joint: int, at: np.ndarray) -> None:
+        stack = [(first, parent_joint, at)]
+        while stack:  # no recursion: chains may be long
+            i, joint, offset = stack.pop()
+            hanging = self._add_one(i, joint, offset)
+            stack += reversed(hanging)
+
+    def _add_one(self, i: int, parent_joint: int, at: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
+        link = self.scene.links[i]
+        rotation = pin.JointModelRevoluteUnaligned(0.0, -1.0, 0.0) if self.scene.plane else pin.JointModelSpherical()
+        hinge = self.model.addJoint(parent_joint, rotation, pin.SE3(np.eye(3), at), link.name)
+        self._frame(f"{link.name}.hinge", hinge, np.zeros(3))
+        lower, rod_joint, rod_at = self._add_segment(i, 1, hinge, 0.0)
+        self._frame(f"{link.name}.rod_start", rod_joint, _along(rod_at))
+        transverse = link.rod.transverse_inertia
+        self._refuse_massless(i, rod_at if rod_joint == hinge else lower.length)
+        axial = 0.0 if self.scene.plane else AXIAL_RATIO * self._hinge_inertia(i, lower.length)
+        # a moving rod's inertia and all it carries have the axis of the link in common: any body may hold the axial part
+        body = pin.Inertia(link.rod.mass, _along(link.rod.centre), np.diag([0.0, transverse, transverse]))
+        self.model.appendBodyToJoint(rod_joint, body, pin.SE3(np.eye(3), _along(rod_at)))
+        if axial:
+            spin = pin.Inertia(0.0, np.zeros(3), np.diag([axial, 0.0, 0.0]))
+            self.model.appendBodyToJoint(hinge, spin, pin.SE3.Identity())
+        end_at = rod_at + link.rod.length
+        self._frame(f"{link.name}.rod_end", rod_joint, _along(end_at))
+        upper, tip_joint, tip_at = self._add_segment(i, 2, rod_joint, end_at)
+        self._frame(f"{link.name}.tip", tip_joint, _along(tip_at))
+        if link.tip_mass:
+            point = pin.Inertia(link.tip_mass, np.zeros(3), np.zeros((3, 3)))
+            self.model.appendBodyToJoint(tip_joint, point, pin.SE3(np.eye(3), _along(tip_at)))
+        rotation_model = self.model.joints[hinge]
+        parent = self.names.index(link.parent) if link.parent != BASE else -1
+        self.links[i] = LinkIndex(
+            link.name, parent, link.parent_point if parent >= 0 else "tip", link.rod.length,
+            hinge, rotation_model.idx_q, rotation_model.idx_v, lower, upper,
+        )  # fmt: skip
+        self.order.append(i)
+        hanging = [(child, tip_joint, _along(tip_at)) for child in self.children.get((link.name, "tip"), [])]
+        for point, offset in (("rod_start", rod_at), ("rod_end", end_at)):
+            hanging += [(child, rod_joint, _along(offset)) for child in self.children.get((link.name, point), [])]
+        return hanging
+
+    def _add_segment(self, i: int, which: int, joint: int, at: float) -> tuple[SegmentIndex, int, float]:
+        """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""
+        link, segment = self.scene.links[i], self.scene.links[i].segment(which)
+        length = start_length(self.scene, segment, f"links[{i}].{'lower' if which == 1 else 'upper'}.law")
+        if segment.motion != "fixed" and which == 2 and not self.carried[i]:
+            self.left_out.append(
+                f"xi{i + 1}_2, the upper segment of {link.name!r}: nothing hangs on it; drawn with its length {length:g} m"
+            )
+        elif segment.motion == "fixed":
+            side = "lower" if which == 1 else "upper"
+            self.left_out.append(f"xi{i + 1}_{which}, the {side} segment of {link.name!r}: fixed at {length:g} m")
+        else:
+            name = f"{link.name}.{'lower' if which == 1 else 'upper'}"
+            new = self.model.addJoint(joint, pin.JointModelPX(), pin.SE3(np.eye(3), _along(at)), name)
+            made = self.model.joints[new]
+            return SegmentIndex(segment.motion, length, new, made.idx_q, made.idx_v), new, 0.0
+        return SegmentIndex("fixed", length), joint, at + length
+
+    def _hinge_inertia(self, i: int, lower: float) -> float:
+        """Inertia [kg m^2] of a link and all it carries at its tip, about its hinge, at the start lengths (J_i of paper.md 9)."""
+        link = self.scene.links[i]
+        upper = start_length(self.scene, link.upper, f"links[{i}].upper.law")
+        reach = lower + link.rod.length + upper
+        inertia = link.rod.transverse_inertia + link.rod.mass * (lower + link.rod.centre) ** 2 + self.carried[i] * reach**2
+        for point, distance in (("rod_start", lower), ("rod_end", lower + link.rod.length)):
+            inertia += sum(self._mass_of(child) for child in self.children.get((link.name, point), [])) * distance**2
+        return inertia
+
+    def _refuse_massless(self, i: int, lower: float) -> None:
+        link = self.scene.links[i]
+        if not self._mass_of(i) > 0.0:
+            raise SceneError(f"links[{i}] ({link.name!r}) and all that hangs on it have no mass: give rod.mass or tip_mass")
+        if not self._hinge_inertia(i, lower) > 0.0:
+            raise SceneError(
+                f"links[{i}] ({link.name!r}): all its mass sits in its hinge, so nothing resists turning; "
+                "give the rod a length or an inertia, or move tip_mass away from the hinge"
+            )
+
+    def _look_for_straight_legs(self) -> None:
+        """Name massless hinges between two free segments (a motion without inertia when the two links line up)."""
+        first = self.children.get((BASE, "tip"), [])
+        flying = self.scene.base.kind == "free" and not self.scene.base.mass
+        if flying and len(first) == 1 and self.links[first[0]].lower.motion == "free":
+            raise SceneError(
+                f"base: the first hinge flies without mass, and the lower segment of {self.names[first[0]]!r} is free, so "
+                "the hinge slides along it without inertia: give base.mass [kg], or fix that segment"
+            )
+        if flying and len(first) > 1 and all(self.links[child].lower.motion == "free" for child in first):
+            names = " and ".join(repr(self.names[child]) for child in first)
+            self.warnings.append(
+                f"the flying hinge of {names} has no mass and free segments on all sides: the mass matrix is singular whenever "
+                "they line up; give base.mass [kg], or fix one of the segments"
+            )
+        for i, link in enumerate(self.scene.links):
+            on_rod = any(self.children.get((link.name, point)) for point in ("rod_start", "rod_end"))
+            if not link.rod.mass and not on_rod and self.links[i].lower.motion == self.links[i].upper.motion == "free":
+                raise SceneError(
+                    f"links[{i}] ({link.name!r}): its rod has no mass and both its segments are free, so one slides against the "
+                    "other without inertia: give rod.mass, or fix one of the segments"
+                )
+            hanging = self.children.get((link.name, "tip"), [])
+            slides = all(self.links[child].lower.motion == "free" for child in hanging)
+            if hanging and not link.tip_mass and self.links[i].upper.motion == "free" and slides:
+                others = " and ".join(repr(self.names[child]) for child in hanging)
+                self.warnings.append(
+                    f"the hinge between {link.name!r} and {others} has no mass and free segments on both sides: the mass "
+                    f"matrix is singular whenever they line up; give {link.name!r} a tip_mass or fix one of the segments"
+                )
+
+    def _frame(self, name: str, joint: int, at: np.ndarray) -> None:
+        frame = pin.Frame(name, joint, 0, pin.SE3(np.eye(3), at), pin.FrameType.OP_FRAME)
+        self.frames[name] = self.model.addFrame(frame, False)
+
+
+def start_length(scene: Scene, segment: Segment, key: str) -> float:
+    """Length [m] of a segment at the start: given, or the law's value at t = 0."""
+    if segment.motion != "prescribed":
+        return float(segment.length or 0.0)
+    law = parse(0.0 if segment.law is None else segment.law, key, {"t", *scene.parameters})
+    return evaluate(law, {"t": 0.0, **scene.parameters})
+
+
+def data_bytes(nv: int) -> int:
+    """Memory [bytes] that pinocchio.Data takes: about 4 nv^3 doubles."""
+    return 32 * nv**3
+
+
+def _refuse_what_does_not_fit(nv: int) -> None:
+    available = _available_memory()
+    if available and data_bytes(nv) > 0.8 * available:
+        raise VlmbError(
+            f"{nv} velocities need about {data_bytes(nv) / 2**30:.1f} GiB (pinocchio.Data holds 4 nv^3 doubles), "
+            f"and {available / 2**30:.1f} GiB are free: fix segments that need not move, use plane = true, or use fewer links"
+        )
+
+
+def _available_memory() -> int:
+    try:
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (ValueError, OSError, AttributeError):
+        return 0  # not known on this system: let the allocation itself decide
+
+
+def _along(distance: float) -> np.ndarray:
+    return np.array([distance, 0.0, 0.0])

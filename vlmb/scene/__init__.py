@@ -1,0 +1,1 @@
+"""The scene: text to frozen data. No mechanics."""

@@ -1,0 +1,95 @@
+"""Messages of the validation in the words of a scene file: the key path, the value found, the nearest valid key."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from typing import Any, Literal, get_origin
+
+import msgspec
+
+from vlmb.scene.tables import ALLOWED_NAME, MAX_NAME, NAME, Base, Force, Link, Programme, Rod, Run, Segment
+
+WORDS = {"object": "table", "array": "list", "str": "text", "int": "number", "float": "number", "bool": "true or false"}
+
+
+def explain(message: str, data: dict[str, Any], root: type) -> str:
+    """Turn a validation message into one that names the key path, the value found and the nearest valid key."""
+    text, _, path = message.partition(" - at `key` in `$" if " - at `key` in `$" in message else " - at `$")
+    path = path.rstrip("`").lstrip(".")
+    if " - at `key` in `$" in message:  # the name of a parameter
+        wrong = next((name for name in _lookup(data, path) if not re.fullmatch(NAME, name) or len(name) > MAX_NAME), "?")
+        return f"{path}: {wrong!r:.80} is no name: {ALLOWED_NAME}"
+    unknown = re.match(r"Object contains unknown field `(.*)`", text)
+    if unknown:
+        valid = _keys_of(path, root)
+        close = difflib.get_close_matches(unknown[1], valid, n=1, cutoff=0.5)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        where = f"{path}.{unknown[1]}" if path else unknown[1]
+        return f"unknown key {where!r:.200}; {hint}allowed here: {', '.join(valid)}"
+    missing = re.match(r"Object missing required field `(.*)`", text)
+    if missing:
+        where = f"{path}.{missing[1]}" if path else missing[1]
+        return f"missing key {where!r}"
+    if path.endswith("[...]"):  # one of a table's values: find which
+        path = path.removesuffix("[...]")
+        parent, _, key = path.rpartition(".")
+        kind = next(field.type for field in msgspec.structs.fields(_type_at(parent, root)) if field.name == key)
+        path = next((f"{path}.{name}" for name, entry in _lookup(data, path).items() if not _fits({name: entry}, kind)), path)
+    found = repr(_lookup(data, path))
+    found = found if len(found) <= 120 else found[:117] + "..."
+    if "enum" in text:
+        return f"{path} = {found}: allowed: {'pivot, ski, free' if path == 'base.kind' else _choices_of(path, root)}"
+    if "regex" in text or "length <=" in text:
+        return f"{path} = {found}: {ALLOWED_NAME}"
+    text = re.sub(r"`([^`]*)`", _in_words, text)
+    return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}"
+
+
+def _in_words(match: re.Match[str]) -> str:
+    return " or ".join(WORDS.get(word, word) for word in match[1].split(" | ") if word != "null")
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+def _type_at(path: str, root: type) -> Any:
+    """Return the table type or field annotation at a key path such as `links[0].rod`."""
+    current: Any = root
+    tables = {"base": Base, "links": Link, "rod": Rod, "lower": Segment, "upper": Segment,
+              "forces": Force, "programme": Programme, "run": Run}  # fmt: skip
+    for part in filter(None, re.split(r"[.\[\]]+", re.sub(r"\[(\.\.\.|\d+)\]", "", path))):
+        current = tables.get(part, part)
+    return current
+
+
+def _keys_of(path: str, root: type) -> list[str]:
+    table = _type_at(path, root)
+    return [field.name for field in msgspec.structs.fields(table)] if isinstance(table, type) else []
+
+
+def _choices_of(path: str, root: type) -> str:
+    parent, _, key = path.rpartition(".")
+    table = _type_at(parent, root)
+    if not isinstance(table, type):
+        return ""
+    for field in msgspec.structs.fields(table):
+        if field.name == key:
+            kinds = [field.type, *getattr(field.type, "__args__", ())]  # a Literal, or a union with one
+            choices = next((kind.__args__ for kind in kinds if get_origin(kind) is Literal), ())
+            return ", ".join(map(str, choices))
+    return ""
+
+
+def _lookup(data: Any, path: str) -> Any:
+    try:
+        for part in filter(None, re.split(r"[.\[\]]+", path)):
+            data = data[int(part)] if isinstance(data, (list, tuple)) else data[part]
+    except (KeyError, IndexError, ValueError, TypeError):
+        return "?"
+    return data

@@ -1,0 +1,1 @@
+"""A run: methods, events, the trajectory and its files."""

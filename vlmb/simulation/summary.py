@@ -1,0 +1,80 @@
+"""The summary of a run in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.scene.tables import DEFAULT_STEP
+from vlmb.simulation.integrate import find_method
+
+Array = NDArray[np.float64]
+
+
+class Told(Protocol):
+    """What of a run the summary reads: see `Trajectory`."""
+
+    @property
+    def scene(self) -> Any: ...  # noqa: D102
+    @property
+    def t(self) -> Array: ...  # noqa: D102
+    @property
+    def run(self) -> Any: ...  # noqa: D102
+    @property
+    def message(self) -> str: ...  # noqa: D102
+    @property
+    def repairs(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def stats(self) -> dict[str, Any]: ...  # noqa: D102
+    @property
+    def residuals(self) -> Mapping[str, Any]: ...  # noqa: D102
+    @property
+    def reactions(self) -> Mapping[str, Array]: ...  # noqa: D102
+    @property
+    def controls(self) -> Mapping[str, Array]: ...  # noqa: D102
+    @property
+    def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
+    def __getitem__(self, name: str) -> Array: ...
+    def power(self, name: str) -> Array: ...  # noqa: D102
+
+
+def summarize(trajectory: Told, programme: str) -> str:
+    """Return what a user wants to know of a run in a few lines; `programme` says how stable one is."""
+    run, wall = trajectory.run, max(trajectory.stats["wall_time"], 1e-9)
+    fixed = not find_method(run.method).adaptive
+    options = f"step {run.step or DEFAULT_STEP:g} s" if fixed else f"rtol {run.rtol:g}, atol {run.atol:g}"
+    off = float(np.abs(trajectory["balance"]).max())
+    share = off / max(float(trajectory["kinetic"].max()), 1e-300)
+    lines = [
+        f"{trajectory.scene.name}: {trajectory.message}",
+        f"  simulated        {trajectory.t[-1]:.6g} s in {wall:.3g} s ({trajectory.t[-1] / wall:.3g} times real time)",
+        f"  method           {run.method} ({options}), {trajectory.stats['steps']} steps, "
+        f"{trajectory.stats['rhs_evaluations']} right-hand sides",
+        f"  energy balance   {off:.2e} J ({share:.1e} of the largest kinetic energy)",
+    ]
+    for name in trajectory.residuals:
+        residual = trajectory.residuals[name]
+        position = "" if residual.position is None else f"{np.abs(residual.position).max():.2e}, "
+        unit = "m/s" if name == "knife_edge" else "/s"
+        lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} {unit}")
+    if programme:
+        lines.append(f"  programme        {programme}")
+    if "knife_edge" in trajectory.reactions:
+        edge, normal = trajectory.reactions["knife_edge"], trajectory.reactions["normal"]
+        lines.append(f"  edge force       up to {np.abs(edge).max():.4g} N")
+        lines.append(f"  normal force     {normal.min():.4g} to {normal.max():.4g} N")
+        if normal.min() < 0.0:
+            first = float(trajectory.t[np.argmax(normal < 0.0)])
+            lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
+    for name in trajectory.controls:
+        values = trajectory.controls[name]
+        power = trajectory.power(name)
+        lines.append(
+            f"  control          {name}: up to {np.abs(values).max():.4g}, power {np.abs(power).max():.4g} W at most and "
+            f"{np.abs(power).mean():.4g} W on average, work {trajectory.work_by_force[name][-1]:.4g} J"
+        )
+    lines += [f"  note             {repair}" for repair in trajectory.repairs]
+    return "\n".join(lines)

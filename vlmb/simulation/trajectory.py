@@ -1,0 +1,353 @@
+"""The trajectory: what a run returns, saves and loads. Everything but the states is computed when asked for."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+import scipy
+from numpy.typing import NDArray
+
+from vlmb._version import __version__
+from vlmb.errors import TrajectoryError, nearest
+from vlmb.model.coordinates import kinematics, read_samples
+from vlmb.model.display import Displayed
+from vlmb.model.mechanism import POINTS, Mechanism, build
+from vlmb.scene.scene import Scene
+from vlmb.scene.tables import Run
+from vlmb.simulation.histories import ENERGIES, SNOW, energies_along, forces_along
+from vlmb.simulation.storage import read_arrays, write_arrays, write_columns
+from vlmb.simulation.summary import summarize
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.forces import View
+from vlmb.system.start import Start
+
+Array = NDArray[np.float64]
+
+ARRAYS = ("t", "q", "v", "work", "asked", "reference")  # what a file holds
+
+
+class Residual(NamedTuple):
+    """Error of a constraint along a motion: of its equation (None where it has none) and of its rate."""
+
+    position: Array | None
+    velocity: Array
+
+
+class Sample(NamedTuple):
+    """An instant of a run: y = (q, v, work), and the coordinates whose branches of angles the forces went by."""
+
+    t: float
+    y: Array
+    reference: Array
+
+
+class _Named(Mapping[str, Any]):
+    """A mapping whose values are computed at the first look, and whose missing names are explained."""
+
+    def __init__(self, what: str, names: tuple[str, ...], compute: Any) -> None:
+        self.what, self.names, self.compute = what, names, compute
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self.names:
+            raise TrajectoryError(f"this trajectory has no {self.what} {name!r}; {nearest(name, self.names)}")
+        return self.compute(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the value of a name, or the default where there is none."""
+        return self[name] if name in self.names else default
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True)
+class Trajectory(Displayed):
+    """Samples of a motion: t (N,) [s], q (N, nq), v (N, nv), work (N, W) [J], and how they were made.
+
+    trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`.
+    """
+
+    mechanism: Mechanism
+    t: Array
+    q: Array
+    v: Array
+    work: Array
+    asked: Array  # (N, S) [N, N m] forces a control callable returned
+    asked_names: tuple[str, ...]
+    reference: Array  # (1, N) coordinates at the start, or (samples, N): the branches angles are read on
+    run: Run
+    status: str  # finished | stopped | failed | interrupted
+    message: str
+    repairs: tuple[str, ...]
+    stats: dict[str, Any]
+    versions: dict[str, str]
+
+    @staticmethod
+    def from_run(
+        dynamics: Dynamics, run: Run, start: Start, recorded: list[Sample], status: str, message: str, stats: Any
+    ) -> Trajectory:
+        """Turn recorded samples into a trajectory."""
+        mechanism = dynamics.mechanism
+        states = [dynamics.unpack(now.t, now.y) for now in recorded]
+        t, q, v = np.array([now.t for now in recorded]), np.array([s.q for s in states]), np.array([s.v for s in states])
+        reference = np.array([[start.coordinates[name] for name in mechanism.layout.names]])
+        if dynamics.reads_angles:
+            reference = np.array([now.reference for now in recorded])
+        asked_names = tuple(dynamics.actuation.asked)
+        asked = np.zeros((len(t), len(asked_names)))
+        if asked_names and dynamics.actuation.control is not None:
+            values = read_samples(mechanism.layout, t, q, v, reference)[0]
+            for i in range(len(t) if status != "interrupted" else 0):
+                asked[i] = dynamics.actuation.answer(float(t[i]), View(mechanism, float(t[i]), q[i], v[i], values[i]))
+        work = np.array([now.y[dynamics.nq + dynamics.nv :] for now in recorded])
+        return Trajectory(
+            mechanism, t, q, v, work, asked, asked_names, reference, run, status, message, start.repairs, stats, versions()
+        )
+
+    @property
+    def scene(self) -> Scene:
+        """The scene this run was made from."""
+        return self.mechanism.scene
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names `trajectory[...]` knows, apart from points, directions and lengths of links."""
+        rates = tuple(f"{name}_dot" for name in self.mechanism.layout.names)
+        speed = ("speed",) if self.mechanism.layout.base == "ski" else ()
+        return ("t", *self.mechanism.layout.names, *rates, *speed, *ENERGIES)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        return f"<Trajectory of {self.scene.name!r}: {len(self)} samples, {self.message}>"
+
+    def __getitem__(self, name: str) -> Array:
+        layout = self.mechanism.layout
+        if name == "t":
+            return self.t
+        if name in layout.index:
+            return self._coordinates[0][:, layout.index[name]]
+        if name.removesuffix("_dot") in layout.index:
+            return self._coordinates[1][:, layout.index[name.removesuffix("_dot")]]
+        if name in ENERGIES:
+            return self._energies[name]
+        if name == "speed" and layout.base == "ski":
+            return self.v[:, 0]
+        if "." in name:
+            return self._of_link(name)
+        raise TrajectoryError(f"this trajectory has no {name!r}; {nearest(name, self.names)}")
+
+    def position(self, link: str, point: str = "tip") -> Array:
+        """Positions (N, 3) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
+        if f"{link}.{point}" not in self.mechanism.frames:
+            known = [entry.name for entry in self.mechanism.layout.links]
+            raise TrajectoryError(f"no point {point!r} of link {link!r}; links: {', '.join(known)}; points: {', '.join(POINTS)}")
+        i = [entry.name for entry in self.mechanism.layout.links].index(link)
+        at = self._hinge(i)
+        distance = self._distances(i)[point]
+        return at + distance[:, None] * self._directions[:, i]
+
+    @cached_property
+    def controls(self) -> Mapping[str, Array]:
+        """Applied forces and the forces of prescribed segments by name, (N,) [N, N m]."""
+        names = tuple(n for n in self._dynamics.work_names if n not in ("dissipation", *self._dynamics.system.names))
+        return _Named("control", names, lambda name: self._evaluations["controls"][name])
+
+    @cached_property
+    def reactions(self) -> Mapping[str, Array]:
+        """Reactions (N,): multipliers of ideal constraints by equation, and the forces of the snow on the ski.
+
+        `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
+        control acted from the ski. A multiplier is the force along the gradient of left side - right side.
+        """
+        snow = ("knife_edge", *SNOW) if self.mechanism.layout.base == "ski" else ()
+        return _Named("reaction", (*snow, *self.scene.constraints), lambda name: self._evaluations["reactions"][name])
+
+    def hinge_force(self, link: str) -> Array:
+        """Force (N, 3) [N] of the parent on a link at its hinge, surface frame."""
+        return self._at_hinge("hinges", link)
+
+    def hinge_torque(self, link: str) -> Array:
+        """Torque (N, 3) [N m] of the parent on a link at its hinge, surface frame, as if every control acted from the parent."""
+        return self._at_hinge("hinge_torques", link)
+
+    def _at_hinge(self, what: str, link: str) -> Array:
+        names = [entry.name for entry in self.mechanism.layout.links]
+        if link not in names:
+            raise TrajectoryError(f"no link {link!r}; {nearest(link, names)}")
+        found: Array = self._evaluations[what][:, names.index(link)]
+        return found
+
+    @property
+    def conditions(self) -> Array:
+        """Condition number (N,) of the programme's G in the scales of its controls; empty without a programme."""
+        return self._evaluations["conditions"] if self.scene.programme else np.zeros(0)
+
+    @cached_property
+    def residuals(self) -> Mapping[str, Residual]:
+        """Constraint errors by equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
+        programme = self.scene.programme.constraints if self.scene.programme else ()
+        edge = ("knife_edge",) if self.mechanism.layout.base == "ski" else ()
+        names = dict.fromkeys((*edge, *(text.strip() for text in (*self.scene.constraints, *programme))))
+        return _Named("residual", tuple(names), self._residual)
+
+    def _residual(self, name: str) -> Residual:
+        if name == "knife_edge":
+            heading = self["phi0"]
+            return Residual(None, -self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading))
+        position, velocity = self._evaluations["residuals"][name]
+        return Residual(position if self._dynamics.is_holonomic(name) else None, velocity)
+
+    def power(self, name: str) -> Array:
+        """Power (N,) [W] of an applied force or prescribed segment: the rate of its work."""
+        self.controls[name]  # explains a wrong name
+        return self._evaluations["powers"][name]
+
+    @property
+    def work_by_force(self) -> dict[str, Array]:
+        """Work (N,) [J] done by each applied force and prescribed segment, and lost in dampers (`dissipation`)."""
+        return {name: self.work[:, k] for k, name in enumerate(self._dynamics.work_names)}
+
+    @cached_property
+    def _coordinates(self) -> tuple[Array, Array]:
+        return read_samples(self.mechanism.layout, self.t, self.q, self.v, self.reference)
+
+    @cached_property
+    def _directions(self) -> Array:
+        return kinematics(self.mechanism.layout, self.q, self.v).directions
+
+    @cached_property
+    def _dynamics(self) -> Dynamics:
+        def replay(t: float, view: View) -> dict[str, float]:
+            at = int(np.argmin(np.abs(self.t - t)))
+            return dict(zip(self.asked_names, self.asked[at].tolist(), strict=True))
+
+        start = self.mechanism.state(dict(zip(self.mechanism.layout.names, self.reference[0].tolist(), strict=True)))
+        control = replay if self.asked_names else None
+        return Dynamics(self.mechanism, self.run.knife_edge, self.run.gain, control, start, run=self.run)
+
+    @cached_property
+    def _evaluations(self) -> dict[str, Any]:
+        values = self._coordinates[0]
+        return forces_along(self._dynamics, self.t, self.q, self.v, self.work, values, self.status == "failed")
+
+    @cached_property
+    def _energies(self) -> dict[str, Array]:
+        return energies_along(self._dynamics, self.q, self.v, self.work_by_force)
+
+    def _of_link(self, name: str) -> Array:
+        names = [entry.name for entry in self.mechanism.layout.links]
+        link, _, rest = name.partition(".")
+        what, _, axis = rest.partition(".")
+        if link not in names:
+            raise TrajectoryError(f"this trajectory has no {name!r}: no link {link!r}; {nearest(link, names)}")
+        i = names.index(link)
+        if rest == "length":
+            return self._distances(i)["tip"]
+        if axis in ("x", "y", "z") and what in (*POINTS, "direction"):
+            vectors = self._directions[:, i] if what == "direction" else self.position(link, what)
+            return vectors[:, "xyz".index(axis)]
+        raise TrajectoryError(
+            f"this trajectory has no {name!r}; of a link it has length, and x, y, z of direction, {', '.join(POINTS)}, "
+            f"e.g. {link}.tip.z"
+        )
+
+    def _distances(self, i: int) -> dict[str, Array]:
+        """Distances (N,) [m] of a link's points from its hinge."""
+        link = self.mechanism.layout.links[i]
+        lower = self.q[:, link.lower.q] if link.lower.joint else np.full(len(self), link.lower.length)
+        upper = self.q[:, link.upper.q] if link.upper.joint else np.full(len(self), link.upper.length)
+        end = lower + link.rod_length
+        return {"hinge": np.zeros(len(self)), "rod_start": lower, "rod_end": end, "tip": end + upper}
+
+    def _hinge(self, i: int) -> Array:
+        """Hinge positions (N, 3) [m] of link i."""
+        layout, at = self.mechanism.layout, np.zeros((len(self), 3))
+        if layout.base == "ski":
+            at[:, :2] = self.q[:, :2]
+        elif layout.base == "free":
+            at[:, [0, 2] if layout.plane else [0, 1, 2]] = self.q[:, : layout.base_size]
+        path = layout.path(i)
+        for k, following in pairwise(path):
+            point = layout.links[following].point
+            at = at + self._distances(k)[point][:, None] * self._directions[:, k]
+        return at
+
+    def save(self, path: str | Path) -> Path:
+        """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""
+        note = {
+            "scene": self.scene.to_dict(), "run": msgspec.to_builtins(self.run), "status": self.status, "message": self.message,
+            "repairs": self.repairs, "stats": self.stats, "versions": self.versions, "asked_names": self.asked_names,
+        }  # fmt: skip
+        return write_arrays(Path(path), note, {name: getattr(self, name) for name in ARRAYS})
+
+    def save_csv(self, path: str | Path) -> Path:
+        """Write time, coordinates, rates, energies, controls and reactions as columns with a header."""
+        columns = {name: self[name] for name in self.names}
+        columns |= dict(self.controls) | dict(self.reactions)
+        return write_columns(Path(path), columns)
+
+    def summary(self) -> str:
+        """Return what a user wants to know of the run in a few lines."""
+        condition = self.conditions.max(initial=0.0)  # first: the ranks that a programme reports are found on the way
+        programme = self._dynamics.system.programme
+        return summarize(self, f"{programme.report}; condition of G up to {condition:.4g}" if programme else "")
+
+
+def versions() -> dict[str, str]:
+    """Versions that a run depends on."""
+    return {
+        "vlmb": __version__, "pinocchio": pin.__version__, "numpy": np.__version__, "scipy": scipy.__version__,
+        "python": platform.python_version(),
+    }  # fmt: skip
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read a stored trajectory. It is data: nothing in it is run.
+
+    Raises TrajectoryError for a file that is missing, damaged or foreign.
+    """
+    note, arrays = read_arrays(path, ARRAYS)
+    try:
+        scene = Scene.from_dict(note["scene"], f"{path}: scene")
+        run = msgspec.convert(note["run"], Run)
+        status, message = str(note["status"]), str(note["message"])
+        names, repairs = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
+        stats, made_with = dict(note["stats"]), dict(note["versions"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
+    mechanism = build(scene)
+    dynamics = Dynamics(mechanism, run.knife_edge, run.gain, run=run)
+    references = arrays["t"].size if dynamics.reads_angles or names else 1
+    samples, works = arrays["t"].size, len(dynamics.work_names) + len(set(names) - set(dynamics.work_names))
+    shapes = {
+        "t": (samples,), "q": (samples, dynamics.nq), "v": (samples, dynamics.nv), "work": (samples, works),
+        "asked": (samples, len(names)), "reference": (references, len(mechanism.layout.names)),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
+            raise TrajectoryError(f"{path}: {name} is damaged: shape {arrays[name].shape} where its scene needs {shape}, finite")
+    if not samples or (np.diff(arrays["t"]) <= 0.0).any():
+        raise TrajectoryError(f"{path}: t is damaged: times must ascend")
+    if not all(pin.isNormalized(mechanism.model, q, 1e-6) for q in arrays["q"]):
+        raise TrajectoryError(f"{path}: q is damaged: its quaternions do not have length 1")
+    t, q, v, work, asked, reference = (arrays[name] for name in ARRAYS)
+    return Trajectory(
+        mechanism, t, q, v, work, asked, names, reference, run, status, message, repairs, stats, made_with
+    )

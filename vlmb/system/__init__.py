@@ -1,0 +1,1 @@
+"""What acts on a mechanism: forces, springs, constraints, a programme, the start; accelerations from all of it."""

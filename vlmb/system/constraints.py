@@ -1,0 +1,178 @@
+"""Constraint rows written as equations: residual z, rate z', its Jacobian W in v, and its drift.
+
+Holonomic rows g(q, t): z = g, z' = W v + dg/dt. Velocity rows g'(q, v, t): z' = g'. In both z'' = W vdot + drift with
+drift = (dz'/db) b' + (dz'/db') b''(vdot = 0) + dz'/dt (the paper's chi without W a).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, SimulationError
+from vlmb.model.mechanism import Mechanism
+from vlmb.scene.expressions import Equation, parse_equation
+from vlmb.scene.symbolic import compile_scalar, to_sympy
+from vlmb.system.frames import LinkFrames
+from vlmb.system.observables import Motion, Symbols, allowed_names
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RowInfo:
+    """What is known of a row before any motion."""
+
+    text: str
+    holonomic: bool
+    angle: bool  # z is a difference of angles: wrapped to (-pi, pi]
+    names: frozenset[str]
+    working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
+    azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
+
+
+class RowValues(NamedTuple):
+    """Rows at one instant: z (r,) with 0 for velocity rows, z' (r,), W (r, nv), drift (r,)."""
+
+    z: Array
+    rate: Array
+    jacobian: Array
+    drift: Array
+
+
+class Rows:
+    """Compiled rows, and the forces conjugate to coordinates. Evaluating needs up-to-date frames (crba in WORLD convention).
+
+    Ideal rows that equate two azimuths are taken in their regular form, cos psi sin(phi_i - phi_j) = 0 through the
+    directions, which has no pole. `pushed` are (coordinate, scale): their rows of L times the scale stand below W.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        frames: LinkFrames,
+        texts: Sequence[tuple[str, str, bool]],
+        pushed: Sequence[tuple[str, float]] = (),
+    ) -> None:
+        """Compile (text, key path, ideal) rows."""
+        names = allowed_names(mechanism)
+        equations = [parse_equation(text, key, names) for text, key, _ in texts]
+        symbols = Symbols(mechanism)
+        residuals = [_residual(symbols, equation, ideal) for equation, (_, _, ideal) in zip(equations, texts, strict=True)]
+        self.info = tuple(
+            _classify(symbols, e, z, key, ideal) for e, z, (_, key, ideal) in zip(equations, residuals, texts, strict=True)
+        )
+        self.texts = tuple(info.text for info in self.info)
+        self.count = len(self.info)
+        self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
+        used = _used(symbols, residuals)
+        self.motion = Motion(symbols, frames, [*used, *(name for name, _ in pushed if name not in used)])
+        self.function, self.places, self.constants = _compile(symbols, residuals, self.info, used, self.motion, pushed)
+        self.matrix = np.zeros((self.count + len(pushed), mechanism.layout.nv))
+        for place, value in self.constants.items():
+            self.matrix[place] = value
+        self.size = 3 * self.count + len(self.places)
+        self.varying = np.array([row * mechanism.layout.nv + at for row, at in self.places], dtype=np.intp)
+
+    def numbers(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> Array:
+        """Return z, z', drift of z' (3 r), then the entries at `places`, (row, velocity), of W and what stands below it.
+
+        Entries that never change are in `constants`. All is nan where an equation has no value.
+        """
+        return np.fromiter(self.function(*self.motion.numbers(t, q, v, reference)), float, self.size)
+
+    def evaluate(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> RowValues:
+        """Evaluate all rows at a state. Raises SimulationError where an equation has no finite value."""
+        numbers, count = self.numbers(t, q, v, reference), self.count
+        self.require_finite(numbers)
+        self.matrix.put(self.varying, numbers[3 * count :])
+        return RowValues(numbers[:count], numbers[count : 2 * count], self.matrix[:count].copy(), numbers[2 * count : 3 * count])
+
+    def require_finite(self, numbers: Array) -> None:
+        """Raise SimulationError naming the rows without a finite value."""
+        if not np.isfinite(numbers).all():
+            bad = np.flatnonzero(~np.isfinite(numbers[: 3 * self.count]).reshape(3, -1).all(axis=0)).tolist()
+            entries = zip(self.places, numbers[3 * self.count :].tolist(), strict=True)
+            bad += [row for (row, _), entry in entries if not math.isfinite(entry)]
+            named = " and ".join(repr(self.texts[k]) for k in sorted(set(bad)) if k < self.count)
+            raise SimulationError(f"the equation {named or ', '.join(map(repr, self.texts))} has no finite value here")
+
+
+def _residual(symbols: Symbols, equation: Equation, ideal: bool) -> Any:
+    azimuths = _azimuths(symbols, equation) if ideal else None
+    if azimuths is not None:
+        (ax, ay), (bx, by) = (_flat(symbols, name) for name in azimuths)
+        return ay * bx - ax * by
+    left = to_sympy(equation.left, symbols.table(sorted(equation.left.names)))
+    right = to_sympy(equation.right, symbols.table(sorted(equation.right.names)))
+    return left - right
+
+
+def _azimuths(symbols: Symbols, equation: Equation) -> tuple[str, str] | None:
+    """Names of the two azimuths of an equation such as `phi1 = phi0`; None for any other."""
+    sides = equation.left.text.strip(), equation.right.text.strip()
+    heads = [name for name, b in symbols.variables.items() if b.kind in ("phi", "phi0")]
+    return (sides[0], sides[1]) if sides[0] in heads and sides[1] in heads and sides[0] != sides[1] else None
+
+
+def _flat(symbols: Symbols, name: str) -> tuple[Any, Any]:
+    variable = symbols.variables[name]
+    if variable.kind == "phi0":
+        heading = symbols.value[name]
+        return symbols.sympy.cos(heading), symbols.sympy.sin(heading)
+    x, y, _ = symbols.direction(variable.link)
+    return x, y
+
+
+def _classify(symbols: Symbols, equation: Equation, residual: Any, key: str, ideal: bool) -> RowInfo:
+    free = residual.free_symbols
+    values = {symbols.value[name] for name in symbols.value}
+    rates = {symbols.rate[name] for name in symbols.rate}
+    if not free & (values | rates):
+        raise SceneError(f"{key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
+    holonomic = not free & rates
+    turning = {symbols.value[name] for name, b in symbols.variables.items() if b.kind in ("phi", "psi", "phi0")}
+    angle = holonomic and free & values <= turning and all(abs(residual.diff(s)) == 1 for s in free & values)
+    azimuths = _azimuths(symbols, equation) if ideal else None
+    driven = residual.diff(symbols.time) if holonomic else residual - sum(residual.diff(rate) * rate for rate in free & rates)
+    working = symbols.sympy.expand(driven) != 0
+    return RowInfo(equation.text, holonomic, bool(angle), equation.names, working, azimuths)
+
+
+def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:
+    free = set().union(*(residual.free_symbols for residual in residuals)) if residuals else set()
+    return [name for name in symbols.variables if symbols.value[name] in free or symbols.rate[name] in free]
+
+
+def _compile(
+    symbols: Symbols, residuals: Sequence[Any], info: Sequence[RowInfo], used: Sequence[str], motion: Motion,
+    pushed: Sequence[tuple[str, float]],
+) -> tuple[Callable[..., tuple[float, ...]], list[tuple[int, int]], dict[tuple[int, int], float]]:  # fmt: skip
+    """One scalar function giving z, z', drift of z' and the varying entries of W; their places; the constant entries."""
+    sympy, b, rate = symbols.sympy, symbols.value, symbols.rate
+    z, speeds, drift, covectors = [], [], [], []
+    for residual, row in zip(residuals, info, strict=True):
+        speed = residual
+        if row.holonomic:
+            speed = sum((residual.diff(b[name]) * rate[name] for name in used), residual.diff(symbols.time))
+        slopes = {name: slope for name in used if (slope := speed.diff(rate[name])) != 0}
+        curve = speed.diff(symbols.time)
+        for name in used:
+            curve += speed.diff(b[name]) * rate[name] + slopes.get(name, 0) * motion.drifts[name]
+        wrapped = sympy.Function("remainder")(residual, sympy.Float(math.tau)) if row.angle else residual
+        z.append(wrapped if row.holonomic else sympy.Integer(0))
+        speeds.append(speed)
+        drift.append(curve)
+        covectors.append(motion.covector(slopes))
+    for name, scale in pushed:
+        covectors.append({at: scale * entry for at, entry in motion.covector({name: sympy.Integer(1)}).items()})
+    entries = {(row, at): entry for row, covector in enumerate(covectors) for at, entry in covector.items()}
+    constants = {place: float(entry) for place, entry in entries.items() if entry.is_Number}
+    varying = {place: entry for place, entry in entries.items() if place not in constants}
+    function = compile_scalar([*z, *speeds, *drift, *varying.values()], motion.arguments, motion.steps)
+    return function, list(varying), constants

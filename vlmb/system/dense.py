@@ -1,0 +1,175 @@
+"""The dense route: mass matrix and bias by Pinocchio, one Cholesky; it serves every force, row and form of the knife edge.
+
+    M(q) vdot + h(q, v) = tau + J^T lambda + B u
+
+A known acceleration (a prescribed segment's, and the ski's sideways one, which the knife edge keeps at zero) has its row and
+column replaced by the identity; the force that keeps it is (M vdot + h - tau) of that row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from vlmb.model.mechanism import Mechanism
+from vlmb.system.constrained import SIDEWAYS, ConstrainedSystem
+from vlmb.system.diagnostics import HUGE, Faults
+from vlmb.system.forces import Actuation
+from vlmb.system.frames import LinkFrames
+from vlmb.system.prescribed import Prescribed
+from vlmb.system.springs import DirectionSpring, SegmentSprings, apply_springs
+from vlmb.system.types import Rhs
+
+Array = NDArray[np.float64]
+
+
+class Dense:
+    """Right-hand side of y = (q, v, work), and the forces at its last evaluation. Holds buffers: one thread at a time."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        frames: LinkFrames,
+        springs: SegmentSprings,
+        direction_springs: Sequence[DirectionSpring],
+        actuation: Actuation,
+        system: ConstrainedSystem,
+        prescribed: Sequence[Prescribed],
+        projecting: bool,
+        work_names: Sequence[str],
+        calls: list[int],
+        faults: Faults,
+    ) -> None:
+        self.mechanism, self.frames, self.springs, self.direction_springs = mechanism, frames, springs, direction_springs
+        self.actuation, self.system, self.prescribed, self.projecting = actuation, system, prescribed, projecting
+        self.work_names, self.calls, self.faults = work_names, calls, faults
+        self.damped = "dissipation" in work_names
+        self.forced = bool(direction_springs or actuation.needed)
+        self.reference: list[float] = []  # coordinates of the last accepted sample
+        self._lost = 0.0  # power in the direction dampers [W]
+
+    def forces(self, t: float, y: Array, q: Array, v: Array, tau: Array) -> None:
+        """Write springs, dampers, applied forces and a control into tau (nv,); needs crba in WORLD convention before."""
+        if self.forced:
+            tau.fill(0.0)
+        self.springs.write(y, tau)
+        if self.direction_springs:
+            self._lost = apply_springs(self.direction_springs, self.frames, v, tau)
+        if self.actuation.needed:
+            self.actuation.add(t, q, v, tau, self.reference)
+
+    def project(self, q: Array, v: Array) -> None:
+        """Subtract M^-1 e_y v_y / (M^-1)_yy: the velocity nearest in kinetic energy that obeys the knife edge."""
+        mass = np.asfortranarray(pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD))
+        unit = np.zeros(len(v))
+        unit[SIDEWAYS] = 1.0
+        for at in self.prescribed:
+            mass[at.v], mass[:, at.v] = 0.0, 0.0
+            mass[at.v, at.v] = 1.0
+        _, answer, info = lapack.dposv(mass, unit, overwrite_a=1)
+        if info:
+            raise self.faults.singular(q)
+        v -= answer * (v[SIDEWAYS] / answer[SIDEWAYS])
+        v[SIDEWAYS] = 0.0
+
+    def rhs(self) -> Rhs:
+        """Make the right-hand side.
+
+        The tangent map is linear in a quaternion, so the raw one brings its norm along; the ski's x and y lose it again.
+        """
+        layout, model, data = self.mechanism.layout, self.mechanism.model, self.mechanism.data
+        nq, nv, end, size = layout.nq, layout.nv, layout.nq + layout.nv, layout.nq + layout.nv + len(self.work_names)
+        crba, nle, normalize, world = pin.crba, pin.nonLinearEffects, pin.normalize, pin.Convention.WORLD
+        product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
+        subtract, hypot, calls = np.subtract, math.hypot, self.calls
+        dy, tau, accelerations = np.zeros(size), np.zeros(nv), np.zeros(nv)
+        qdot, vdot, planar = dy[:nq], dy[nq:end], nq == nv  # planar: no quaternions, and rates are velocities
+        prescribed, known, projecting = self.prescribed, self.system.known, self.projecting
+        flat, (crossed, identity) = mass.ravel(order="K"), cross_of(known, nv)
+        on_ski, last = layout.base == "ski", nv - 1
+        constrained, system, forces, faults = self.system.needed, self.system, self.forces, self.faults
+        rows, working, powers = np.zeros((len(prescribed), nv)), bool(self.work_names), self._powers()
+
+        def rhs(t: float, y: Array) -> Array:
+            calls[0] += 1
+            raw, v = y[:nq], y[nq:end]
+            q = normalize(model, raw)
+            if prescribed or projecting:
+                v = v.copy()
+                for at in prescribed:
+                    q[at.q], v[at.v], accelerations[at.v] = at.law.jet(t)
+                if projecting:
+                    self.project(q, v)
+                    y = np.concatenate([raw, v, y[end:]])
+            crba(model, data, q, world)
+            forces(t, y, q, v, tau)
+            b = nle(model, data, q, v)
+            subtract(tau, b, b)
+            missing = b
+            if prescribed:
+                missing = -b
+                for row, at in enumerate(prescribed):
+                    rows[row] = mass[at.v]
+                b -= mass.dot(accelerations)
+            for k in known:
+                b[k] = accelerations[k]
+            if known:
+                flat[crossed] = identity
+            if constrained:
+                answer = system.solve(t, q, v, b, accelerations if prescribed else None, self.reference)
+                if answer is None:
+                    raise faults.singular(q)
+                if prescribed:
+                    missing -= system.on_known()
+            else:
+                answer, info = dposv(mass, b, 0, 1, 1)[1:]  # both overwritten
+                if info:
+                    raise faults.singular(q)
+            vdot[...] = answer
+            if not -HUGE < answer.item(0) + answer.item(last) < HUGE:  # nan and infinity spread to both
+                raise faults.not_finite(q, v, tau)
+            qdot[...] = v if planar else product(model, raw, v)
+            if on_ski:
+                norm = hypot(raw.item(2), raw.item(3))
+                dy[0] /= norm
+                dy[1] /= norm
+            if working:
+                powers(y, v, vdot, rows, missing, dy)
+            return dy
+
+        return rhs
+
+    def _powers(self) -> Callable[[Array, Array, Array, Array, Array, Array], None]:
+        """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""
+        names, start, actuation = self.work_names, self.mechanism.layout.nq + self.mechanism.layout.nv, self.actuation
+        slots = [start + names.index(channel.name) for channel in actuation.channels]
+        system, springs = self.system, self.springs
+        controlled = system.acting + len(system.working)  # their work states come first
+        driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
+
+        def powers(y: Array, v: Array, vdot: Array, rows: Array, missing: Array, dy: Array) -> None:
+            dy[start:] = 0.0
+            if controlled:
+                dy[start : start + controlled] = system.powers(v)
+            if slots:
+                for slot, value, rate in zip(slots, actuation.values, actuation.columns.dot(v), strict=True):
+                    dy[slot] += value * rate
+            for row, (slot, at) in enumerate(driven):
+                dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]
+            if self.damped:
+                dy[-1] = springs.dissipation(y) + self._lost
+
+        return powers
+
+
+def cross_of(known: Sequence[int], nv: int) -> tuple[NDArray[np.intp], Array]:
+    """Flat indices of the rows and columns of known velocities in a column-major M, and the identity's entries there."""
+    identity, crossed = np.eye(nv), np.zeros((nv, nv), dtype=bool)
+    crossed[known], crossed[:, known] = True, True
+    indices = np.flatnonzero(crossed.ravel(order="F"))
+    return indices, identity.ravel(order="F")[indices]

@@ -1,0 +1,236 @@
+"""Applied forces: generalized forces of the paper's coordinates, hinge torques, laws of time, a control callable.
+
+A generalized force Q of the paper's coordinates enters as tau = L^T Q: Q_phi and Q_psi of link i make the torque
+N_i = (Q_phi / cos psi) u_psi - Q_psi u_phi, which has no part along d_i, and tau = J_i^T N_i with the angular Jacobian of
+the link. A torque along d_i would spin a thin rod up, so none is ever applied.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, SimulationError, SingularError, nearest
+from vlmb.model.coordinates import POLE, Layout, kinematics, read_angles, read_coordinates, segment_of
+from vlmb.model.mechanism import POINTS, Mechanism
+from vlmb.scene.laws import Law, time_law
+from vlmb.system.frames import LinkFrames, Vector, between
+
+Array = NDArray[np.float64]
+Control = Callable[[float, "View"], Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A named generalized force: F1_1, F_x, M_phi0, M_phi1, M_psi1 or T_legs."""
+
+    name: str
+    kind: str  # axis | surface | phi | psi | hinge
+    link: int = -1
+    v: int = -1  # axis: index into tau
+    unit: str = "N"
+    coordinate: str = ""  # the coordinate it acts along; none for a hinge torque
+
+
+def channels(layout: Layout) -> dict[str, Channel]:
+    """List every generalized force a scene may use, by name.
+
+    `F{i}_{a}` along xi{i}_{a}; `F_x F_y F_z` at the base; `M_phi0` on the ski; `M_phi{i}`, `M_psi{i}` of the absolute
+    angles; `T_{link}`: hinge torque, equal and opposite on the link and its parent, positive when it opens the angle between
+    their directions (a base counts as its heading; in a plane: positive when it raises psi of the link).
+    """
+    found: dict[str, Channel] = {}
+
+    def add(name: str, kind: str, link: int, v: int, unit: str, coordinate: str) -> None:
+        found[name] = Channel(name, kind, link, v, unit, coordinate)
+
+    for at, coordinate in enumerate(layout.coordinates):
+        i, kind = coordinate.link, coordinate.kind
+        if kind in "xyz":
+            add(f"F_{kind}", "surface" if layout.base == "ski" else "axis", -1, at, "N", kind)
+        elif kind == "phi0":
+            add("M_phi0", "axis", -1, 2, "N m", kind)
+        elif kind == "xi":
+            segment = segment_of(layout, coordinate)
+            if segment.motion == "free":
+                add(f"F{i + 1}_{coordinate.segment}", "axis", i, segment.v, "N", coordinate.name)
+        else:
+            add(f"M_{kind}{i + 1}", kind, i, -1, "N m", coordinate.name)
+    for i, link in enumerate(layout.links):
+        if link.parent >= 0 or layout.base != "free":
+            add(f"T_{link.name}", "hinge", i, link.v, "N m", "")
+    return found
+
+
+def find_channel(layout: Layout, name: str, key: str) -> Channel:
+    """Return a channel by name; SceneError with the nearest valid ones, or why this force cannot exist."""
+    known = channels(layout)
+    if name in known:
+        return known[name]
+    why = ""
+    if layout.plane and name.startswith("M_phi"):
+        why = "with plane = true the links have no azimuth of their own; "
+    for coordinate in layout.coordinates:
+        if coordinate.kind == "xi" and name == f"F{coordinate.link + 1}_{coordinate.segment}":
+            why = f"{coordinate.name} is prescribed: its force is a result, read it in `controls`; "
+    raise SceneError(f"{key}: unknown force {name!r}; {why}{nearest(name, known)}")
+
+
+def column(channel: Channel, frames: LinkFrames, reference: Sequence[float], out: Array) -> Array:
+    """Write into `out` (nv,) the tau of a unit force in a channel; `reference` holds the last accepted coordinates.
+
+    Raises SingularError at the pole of M_phi, and for a hinge torque between lined-up links.
+    """
+    out[:] = 0.0
+    layout, i = frames.layout, channel.link
+    if channel.kind == "axis":
+        out[channel.v] = 1.0
+    elif channel.kind == "surface":
+        cosine, sine, _ = frames.heading()
+        out[:2] = (cosine, -sine) if channel.v == 0 else (sine, cosine)
+    elif layout.plane:
+        if channel.kind == "hinge":
+            out[channel.v] = 1.0
+        else:
+            hx, hy, _ = frames.heading()
+            frames.torque(i, (hy, -hx, 0.0), out)
+    elif channel.kind == "hinge":
+        parent = layout.links[i].parent
+        first = frames.heading() if parent < 0 else frames.direction(parent)
+        axis, sine, _ = between(first, frames.direction(i))
+        if sine < POLE:
+            raise SingularError(
+                f"T_{layout.links[i].name}: the link and its parent line up, where this hinge torque has no axis; "
+                "bend the hinge at the start, or use M_psi or a spring between directions"
+            )
+        frames.torque(i, axis, out)
+        frames.torque(parent, (-axis[0], -axis[1], -axis[2]), out)
+    else:
+        at = layout.index[f"psi{i + 1}"]
+        phi, psi = read_angles(frames.direction(i), (reference[at - 1], reference[at]))
+        frames.torque(i, moment(channel, phi, psi), out)
+    return out
+
+
+def moment(channel: Channel, phi: float, psi: float) -> Vector:
+    """Torque N_i of a unit M_phi or M_psi: u_psi / cos psi, or -u_phi. Raises SingularError at the pole of M_phi."""
+    sin_phi, cos_phi = math.sin(phi), math.cos(phi)
+    if channel.kind == "psi":
+        return sin_phi, -cos_phi, 0.0
+    cos_psi, sin_psi = math.cos(psi), math.sin(psi)
+    if abs(cos_psi) < POLE:
+        raise SingularError(
+            f"{channel.name}: link {channel.link + 1} stands at the pole (|cos psi| < {POLE:g}), where the torque "
+            "M_phi / cos(psi) is unbounded; use a hinge torque T_<link> or an equation for the link's direction"
+        )
+    return -cos_phi * sin_psi / cos_psi, -sin_phi * sin_psi / cos_psi, 1.0
+
+
+class View:
+    """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, points such as `legs.tip.z`."""
+
+    def __init__(self, mechanism: Mechanism, t: float, q: Array, v: Array, reference: Array | None) -> None:
+        self.mechanism, self.t, self.q, self.v = mechanism, t, q, v
+        layout = mechanism.layout
+        values, rates = read_coordinates(layout, q, v, reference)
+        self.values: dict[str, float] = {"t": t, **mechanism.scene.parameters}
+        for name, value, rate in zip(layout.names, values.tolist(), rates.tolist(), strict=True):
+            self.values[name], self.values[f"{name}_dot"] = value, rate
+        if layout.base == "ski":
+            self.values["speed"] = float(v[0])
+
+    def __getitem__(self, name: str) -> float:
+        if name in self.values:
+            return self.values[name]
+        link, _, rest = name.partition(".")
+        what, _, axis = rest.partition(".")
+        names = [entry.name for entry in self.mechanism.layout.links]
+        if link in names and rest == "length":
+            return float(np.linalg.norm(self.position(link, "tip") - self.position(link, "hinge")))
+        if link in names and axis in ("x", "y", "z") and what in ("direction", *POINTS):
+            i = names.index(link)
+            directions = kinematics(self.mechanism.layout, self.q, self.v).directions
+            vector = directions[i] if what == "direction" else self.position(link, what)
+            return float(vector["xyz".index(axis)])
+        known = [*self.values, *(f"{link}.{what}" for link in names for what in ("length", "tip.z", "direction.x"))]
+        raise SceneError(f"control: unknown name {name!r}; {nearest(name, known)}")
+
+    def position(self, link: str, point: str = "tip") -> Array:
+        """Position (3,) [m] of a point in the surface frame."""
+        return self.mechanism.position((self.q, self.v), link, point)
+
+
+class Actuation:
+    """Applied forces: which channels, their values now, and the tau they make. Work is counted per name."""
+
+    def __init__(self, mechanism: Mechanism, frames: LinkFrames, control: Control | None, start: View | None) -> None:
+        layout, scene = mechanism.layout, mechanism.scene
+        self.mechanism, self.frames, self.control = mechanism, frames, control
+        self.channels: list[Channel] = []
+        self.laws: list[Law] = []
+        for index, force in enumerate(scene.forces):
+            if force.on is not None and force.law is not None:
+                self.channels.append(find_channel(layout, force.on, f"forces[{index}].on"))
+                self.laws.append(time_law(force.law, scene.parameters, f"forces[{index}].law"))
+        self.asked: list[str] = []
+        if control is not None and start is not None:
+            self.asked = list(_asked(control, start.t, start))
+            self.channels += [find_channel(layout, name, "control") for name in self.asked]
+        self.needed = bool(self.channels) or control is not None
+        self.values = np.zeros(len(self.channels))
+        self.columns = np.zeros((len(self.channels), layout.nv))
+        self.constant = all(channel.kind == "axis" for channel in self.channels)
+        if self.constant:
+            self._write_columns(())
+
+    def add(self, t: float, q: Array, v: Array, tau: Array, reference: Sequence[float]) -> None:
+        """Add the tau of every applied force; the frames must be up to date (crba in WORLD convention).
+
+        `reference` holds the last accepted coordinates: angles are read on the branch nearest to them.
+        """
+        for at, law in enumerate(self.laws):
+            self.values[at] = law.value(t)
+        if self.control is not None:
+            self.values[len(self.laws) :] = self._ask(t, q, v, reference)
+        if not self.constant:
+            self._write_columns(reference)
+        tau += self.values.dot(self.columns)
+
+    def _write_columns(self, reference: Sequence[float]) -> None:
+        for at, channel in enumerate(self.channels):
+            column(channel, self.frames, reference, self.columns[at])
+
+    def _ask(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> list[float]:
+        values = self.answer(t, View(self.mechanism, t, q.copy(), v.copy(), np.asarray(reference)))
+        pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD)  # a view may have moved the frames
+        return values
+
+    def answer(self, t: float, view: View) -> list[float]:
+        """Ask the control callable; its forces in the order of the first call, 0 for one it leaves out."""
+        answer = _asked(self.control, t, view)
+        for name in answer:
+            if name not in self.asked:
+                first = ", ".join(self.asked) or "none"
+                raise SceneError(f"control: {name!r} was not among the forces of the first call ({first}): name it there, with 0")
+        values = [answer.get(name, 0.0) for name in self.asked]
+        if not all(map(math.isfinite, values)):
+            raise SimulationError(f"control returned a non-finite force: {answer}; its law must stay finite")
+        return values
+
+
+def _asked(control: Control | None, t: float, view: View) -> dict[str, float]:
+    """Call a control and check what it returns: None, or numbers by name."""
+    answer = None if control is None else control(t, view)
+    if answer is None:
+        return {}
+    if not isinstance(answer, Mapping):
+        raise SceneError(f"control returned {answer!r}: it must return a dict of force names and numbers, or None")
+    try:
+        return {str(name): float(value) for name, value in answer.items()}
+    except (TypeError, ValueError):
+        raise SceneError(f"control returned {dict(answer)!r}: every force must be a number") from None

@@ -1,0 +1,102 @@
+"""Live view of the link frames in pinocchio.Data: directions, angular velocities, torques."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.model.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+class LinkFrames:
+    """Live view of link directions and Jacobians in `pinocchio.Data`, valid after crba in WORLD convention."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.layout = mechanism, mechanism.layout
+        self.balls = np.array([link.v for link in self.layout.links], dtype=np.intp)
+
+    @cached_property
+    def angular(self) -> Array:
+        """Axes of all velocities in the surface frame (3, nv)."""
+        angular: Array = self.mechanism.data.J[3:6]
+        return angular
+
+    @cached_property
+    def axes(self) -> list[Array]:
+        """Rotations of the links' hinges."""
+        return [self.mechanism.data.oMi[link.joint].rotation for link in self.layout.links]
+
+    @cached_property
+    def ski(self) -> Array:
+        """Rotation of the ski; the identity for another base."""
+        ski: Array = self.mechanism.data.oMi[1].rotation if self.layout.base == "ski" else np.eye(3)
+        return ski
+
+    @cached_property
+    def supports(self) -> Array:
+        """1 where a velocity turns a link (n, nv)."""
+        layout = self.layout
+        supports, turning = np.zeros((len(layout.links), layout.nv)), np.zeros(layout.nv)
+        if layout.base == "ski":
+            turning[2] = 1.0
+        width = 1 if layout.plane else 3
+        for i in range(len(layout.links)):
+            supports[i] = turning
+            for k in layout.path(i):
+                at = layout.links[k].v
+                supports[i, at : at + width] = 1.0
+        return supports
+
+    def direction(self, i: int) -> Vector:
+        """d_i in the surface frame."""
+        x, y, z = self.axes[i][:, 0].tolist()
+        return x, y, z
+
+    def heading(self) -> Vector:
+        """The ski's heading; the x axis for another base."""
+        x, y, z = self.ski[:, 0].tolist()
+        return x, y, z
+
+    def torque(self, i: int, moment: Vector, tau: Array) -> None:
+        """Add J_i^T N for a torque N [N m] on link i; -1 is the base, which takes it as far as it can turn."""
+        if i >= 0:
+            tau += self.supports[i] * np.dot(moment, self.angular)
+        elif self.layout.base == "ski":
+            tau[2] += moment[2]
+
+    def all_directions(self) -> list[Vector]:
+        """Directions of all links, then the heading and the surface normal: [-2] and [-1]."""
+        if self.layout.plane:
+            found = [self.direction(i) for i in range(len(self.axes))]
+        else:  # the first axis of a ball is its link
+            found = [(x, y, z) for x, y, z in self.angular.T[self.balls].tolist()]
+        return [*found, self.heading(), (0.0, 0.0, 1.0)]
+
+    def all_omegas(self, v: Array) -> list[Sequence[float]]:
+        """Absolute angular velocities [rad/s] of all links, then twice of the base: [-2] and [-1]."""
+        base = (0.0, 0.0, v.item(2) if self.layout.base == "ski" else 0.0)
+        return [*(self.supports * v).dot(self.angular.T).tolist(), base, base]
+
+    def all_torques(self, moments: Sequence[Sequence[float]], tau: Array) -> None:
+        """Add torques [N m] on all links, then on the base by [-2] and [-1], to tau."""
+        count = len(self.axes)
+        tau += (np.array(moments[:count]).dot(self.angular) * self.supports).sum(axis=0)
+        if self.layout.base == "ski":
+            tau[2] += moments[-2][2] + moments[-1][2]
+
+
+def between(first: Vector, second: Vector) -> tuple[Vector, float, float]:
+    """Return the unit axis first x second, the sine and the cosine of the angle between two directions."""
+    ax, ay, az = first
+    bx, by, bz = second
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 1.0 / sine if sine > 0.0 else 0.0
+    return (x * scale, y * scale, z * scale), sine, ax * bx + ay * by + az * bz

@@ -1,0 +1,137 @@
+"""Gains of the perturbation equations (5.5), and whether a step is small enough for them (paper.md 5b).
+
+dz/dt = z', dz'/dt = H z + K z': with Z = (z, z') the matrix P = [[0, (I 0)], [H, K]].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError
+from vlmb.scene.tables import Programme
+
+Array = NDArray[np.float64]
+
+AUTO_RATIO = 3.0  # gains = "auto": this many times faster than the motion itself
+AUTO_STEP = 0.5  # and never faster than this over the step of a fixed-step method
+
+
+def gain_matrices(programme: Programme, holonomic: Sequence[bool], own_rate: float, step: float | None) -> tuple[Array, Array]:
+    """Return H (r, m) and K (r, r) of (5.5); columns of H are the holonomic rows in order.
+
+    frequency w and damping ratio d: h = -w^2, k = -2 d w for a holonomic row, k = -w for a velocity row.
+    `own_rate` [rad/s] is the motion's own, for gains = "auto". gains = "none": H = K = 0. Raises SceneError.
+    """
+    count, positions = len(holonomic), [k for k, flag in enumerate(holonomic) if flag]
+    if programme.h is not None or programme.k is not None:
+        return _explicit(programme, count, len(positions))
+    if programme.gains is not None and programme.frequency is not None:
+        raise SceneError(f"programme: gains = {programme.gains!r} and frequency exclude each other; remove one")
+    if programme.gains == "none":
+        return np.zeros((count, len(positions))), np.zeros((count, count))
+    if programme.gains == "auto":
+        limit = math.inf if step is None else AUTO_STEP / step
+        frequency = np.full(count, min(AUTO_RATIO * own_rate, limit))
+    elif programme.frequency is None:
+        raise SceneError('programme: give frequency [rad/s], or gains = "auto", or h and k, or gains = "none"')
+    else:
+        frequency = _per_row(programme.frequency, count, "frequency")
+    damping = _per_row(programme.damping_ratio, count, "damping_ratio")
+    h, k = np.zeros((count, len(positions))), np.zeros((count, count))
+    for row in range(count):
+        if holonomic[row]:
+            h[row, positions.index(row)] = -(frequency[row] ** 2)
+            k[row, row] = -2.0 * damping[row] * frequency[row]
+        else:
+            k[row, row] = -frequency[row]
+    return h, k
+
+
+def _explicit(programme: Programme, count: int, holonomic: int) -> tuple[Array, Array]:
+    if programme.frequency is not None or programme.gains is not None:
+        raise SceneError("programme: give either h and k, or frequency, or gains")
+    h, k = np.array(programme.h or np.zeros((count, holonomic)), float), np.array(programme.k or np.zeros((count, count)), float)
+    if holonomic == 0:
+        h = np.zeros((count, 0))
+    if h.shape != (count, holonomic) or k.shape != (count, count):
+        raise SceneError(
+            f"programme: h must be {count} x {holonomic} (rows x holonomic rows) and k {count} x {count}; "
+            f"found {h.shape} and {k.shape}"
+        )
+    return h, k
+
+
+def _per_row(value: float | Sequence[float], count: int, key: str) -> Array:
+    values = np.atleast_1d(np.array(value, dtype=float))
+    if len(values) == 1:
+        values = np.repeat(values, count)
+    if len(values) != count:
+        raise SceneError(f"programme.{key}: {len(values)} values for {count} rows; give one, or one each")
+    return values
+
+
+def perturbation_matrix(h: Array, k: Array, holonomic: Sequence[bool]) -> Array:
+    """Return P (m + r, m + r) of dZ/dt = P Z."""
+    count, positions = len(k), [row for row, flag in enumerate(holonomic) if flag]
+    size = len(positions)
+    matrix = np.zeros((size + count, size + count))
+    for column, row in enumerate(positions):
+        matrix[column, size + row] = 1.0
+    matrix[size:, :size], matrix[size:, size:] = h, k
+    return matrix
+
+
+def largest_stable_step(eigenvalues: NDArray[np.complex128], method: str) -> float:
+    """Largest step [s] for which a fixed-step method damps every mode; 0 if none does, inf for an adaptive method.
+
+    Euler: tau < -2 Re(lambda) / |lambda|^2, for a holonomic row the same as k < tau h, 4 + 2 tau k - tau^2 h > 0.
+    """
+    if method not in ("euler", "rk4"):
+        return math.inf  # adaptive, or Gauss: stable at every step
+    if (eigenvalues.real >= 0.0).any():
+        return 0.0
+    if method == "euler":
+        return float((-2.0 * eigenvalues.real / np.abs(eigenvalues) ** 2).min())
+    return min(_rk4_limit(complex(value)) for value in eigenvalues)
+
+
+def _rk4_limit(value: complex) -> float:
+    """Step at which |R(tau lambda)| = 1 for the classical method, R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24."""
+
+    def growth(tau: float) -> float:
+        z = tau * value
+        return abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
+
+    low, high = 0.0, 1e-3 / abs(value)
+    while growth(high) < 1.0 and high * abs(value) < 10.0:
+        low, high = high, high * 1.05
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if growth(middle) < 1.0 else (low, middle)
+    return low
+
+
+def stability_report(h: Array, k: Array, holonomic: Sequence[bool], method: str, step: float, gains: str | None = None) -> str:
+    """Say how errors decay; SceneError with the largest stable step where they would grow, unless gains = "none"."""
+    if gains == "none":
+        return "no stabilization: errors of the start and of the method stay, and those of rates add up"
+    eigenvalues = np.linalg.eigvals(perturbation_matrix(h, k, holonomic)).astype(complex)
+    if (eigenvalues.real >= 0.0).any():
+        worst = eigenvalues[np.argmax(eigenvalues.real)]
+        raise SceneError(
+            f"programme: the perturbation equations are not stable (eigenvalue {worst:.4g}): errors of the constraints would not "
+            "decay; every holonomic row needs h < 0 and k < 0, every velocity row k < 0; or run without any: gains = 'none'"
+        )
+    limit = largest_stable_step(eigenvalues, method)
+    if step >= limit:
+        raise SceneError(
+            f"programme: with method {method!r} the constraint errors grow at step {step:g} s; the largest stable step is "
+            f"{limit:.6g} s (4 + 2 tau k - tau^2 h > 0 and k < tau h for Euler): reduce run.step or the gains"
+        )
+    slowest = float(-eigenvalues.real.max())
+    step_limit = f"; largest stable step {limit:.4g} s" if math.isfinite(limit) else ""
+    return f"errors decay at least as exp(-{slowest:.4g} t){step_limit}"

@@ -1,0 +1,34 @@
+"""Segments whose length follows a law of time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from vlmb.model.coordinates import segment_of
+from vlmb.model.mechanism import Mechanism
+from vlmb.scene.laws import Law, time_law
+
+
+class Prescribed(NamedTuple):
+    """A segment whose length follows a law; `force` is the name of the force that results."""
+
+    name: str
+    force: str
+    q: int
+    v: int
+    law: Law
+
+
+def prescribed_segments(mechanism: Mechanism) -> tuple[Prescribed, ...]:
+    """Collect the prescribed segments and their laws."""
+    found = []
+    for coordinate in mechanism.layout.coordinates:
+        if coordinate.kind == "xi":
+            at = segment_of(mechanism.layout, coordinate)
+            if at.motion == "prescribed":
+                side = "lower" if coordinate.segment == 1 else "upper"
+                text = mechanism.segment(coordinate).law
+                law = time_law(0.0 if text is None else text, mechanism.scene.parameters, f"links[{coordinate.link}].{side}.law")
+                force = f"F{coordinate.link + 1}_{coordinate.segment}"
+                found.append(Prescribed(coordinate.name, force, at.q, at.v, law))
+    return tuple(found)

@@ -1,0 +1,238 @@
+"""Programme control (section 5): controls u that make the programme constraints hold, errors decaying by (5.5).
+
+With vdot = a + b u and rows z'' = W vdot + drift:  G = W b,  beta = H z + K z' - (W a + drift),  G u = beta.
+u = u_nu + Z w: u_nu is the solution of least weighted norm, R^-1 G^T (G R^-1 G^T)^-1 beta (5.6), and Z spans ker G.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from vlmb.errors import SceneError, SingularError, nearest
+from vlmb.model.mechanism import Mechanism
+from vlmb.scene.laws import Law, time_law
+from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
+from vlmb.system.constraints import RowInfo
+from vlmb.system.forces import Channel, channels, find_channel
+from vlmb.system.gains import gain_matrices, stability_report
+
+Array = NDArray[np.float64]
+
+RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
+SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this is rounding
+WEAK = 1e-3  # of the smallest singular value at the start: where a run fails, this is why
+
+
+class ProgrammeControl:
+    """The programme of a scene: its controls, gains and law. The rows are evaluated by the dynamics."""
+
+    def __init__(self, mechanism: Mechanism, rows: Sequence[RowInfo], second: Sequence[RowInfo], run: Run) -> None:
+        scene, layout = mechanism.scene, mechanism.layout
+        programme = scene.programme
+        assert programme is not None
+        self.texts = tuple(row.text for row in rows)
+        self.channels = control_channels(mechanism)
+        self.names = tuple(channel.name for channel in self.channels)
+        if len(rows) > len(self.channels):
+            raise SceneError(
+                f"programme: {len(rows)} rows need at least as many controls; there are {len(self.channels)} "
+                f"({', '.join(self.names)}); name more of {', '.join(channels(layout))}"
+            )
+        self.scales = control_scales(mechanism, self.channels)
+        step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
+        self.holonomic = np.array([row.holonomic for row in rows], dtype=bool)
+        self.h, self.k = gain_matrices(programme, self.holonomic.tolist(), own_rate(mechanism), step)
+        self.decay = stability_report(self.h, self.k, self.holonomic.tolist(), run.method, step or 0.0, programme.gains)
+        self.effect = np.zeros((len(rows), len(self.channels)))  # G of the last solution, in the scales of the controls
+        self.side = 0.0  # sign of det G at the last accepted sample, where G is square
+        self.repeating = False  # whether rows repeated each other, or an ideal constraint, in the last solution
+        self.grip = 0.0  # smallest singular value of G at the first accepted sample
+        self.free: Law | None = None
+        if programme.u0 is not None:
+            if len(self.channels) != len(rows) + 1:
+                raise SceneError(
+                    "programme.u0: u_tau of (5.6) is one vector only for one control more than rows; here are "
+                    f"{len(self.channels)} controls and {len(rows)} rows: use `secondary`"
+                )
+            self.free = time_law(programme.u0, scene.parameters, "programme.u0")
+        self.second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
+        if second:
+            own = _secondary_gains(programme)
+            self.second_h, self.second_k = gain_matrices(own, self.second_holonomic.tolist(), own_rate(mechanism), step)
+        else:
+            self.second_h = self.second_k = np.zeros((0, 0))
+
+    def gains(self) -> tuple[Array, Array]:
+        """Return H and K of (5.5) over all rows, r x r: columns of H for velocity rows are 0."""
+        return _spread(self.h, self.holonomic), self.k
+
+    def secondary_gains(self) -> tuple[Array, Array]:
+        """Return the same for the secondary rows."""
+        return _spread(self.second_h, self.second_holonomic), self.second_k
+
+    def solve(self, t: float, g: Array, beta: Array) -> Array:
+        """Return u over its scales with G u = beta, by G in these scales; secondary rows stand below those of the programme.
+
+        What the rows leave free goes to u0 or to the secondary rows: with as many controls as all rows together this is one
+        system. Raises SingularError naming rows and controls where the programme cannot be met.
+        """
+        count = len(self.texts)
+        self.effect = g[:count]
+        if count < len(g):
+            if len(g) <= g.shape[1]:
+                u = _least(g, beta)
+                if u is not None:
+                    return u
+            u = self.least(g[:count], beta[:count])
+            null = self.null_space(g[:count])
+            return u + null @ np.linalg.lstsq(g[count:] @ null, beta[count:] - g[count:] @ u, rcond=RANK)[0]
+        u = self.least(g, beta)
+        if self.free is not None:
+            u = u + self.free.value(t) / self.scales.prod() * cross(g)
+        return u
+
+    def accept(self) -> None:
+        """Refuse a sample beyond a posture where as many controls as rows lose their effect: det G changes its sign there."""
+        self.grip = self.grip or float(np.linalg.svd(self.effect, compute_uv=False)[-1])
+        if self.effect.shape[0] != self.effect.shape[1] or self.repeating:
+            self.side = 0.0
+            return
+        side = float(np.sign(np.linalg.det(self.effect)))
+        if self.side * side < 0.0:
+            raise SingularError(
+                f"programme: the motion went through a posture where {', '.join(self.names)} have no effect on "
+                f"{', '.join(map(repr, self.texts))} (det G changed its sign): from there on it is not the programme's; add one"
+            )
+        self.side = side or self.side
+
+    def least(self, g: Array, beta: Array) -> Array:
+        """Return u_nu of (5.6) over its scales: the solution of G u = beta with the least weighted norm.
+
+        Redundant rows that agree are met; SingularError where rows ask for what the controls cannot give.
+        """
+        answer = _least(g, beta)
+        self.repeating = answer is None
+        return self._least_deficient(g, beta) if answer is None else answer
+
+    @property
+    def report(self) -> str:
+        """Say how errors decay, and how the rows of the last solution depend on each other."""
+        if not self.repeating:
+            return self.decay
+        rank = self.rank(self.effect)[0]
+        return f"{self.decay}; {len(self.texts)} rows of rank {rank}: others, or ideal constraints, hold the rest already"
+
+    def weakness(self) -> str:
+        """Say which rows the controls have nearly lost since the start; nothing where they have not."""
+        if not np.isfinite(self.effect).all() or np.linalg.svd(self.effect, compute_uv=False)[-1] > WEAK * self.grip:
+            return ""
+        return f"; the programme is nearly singular there: {self._weak_rows(self.effect)}, by {', '.join(self.names)}"
+
+    def _least_deficient(self, g: Array, beta: Array) -> Array:
+        if not (np.isfinite(g).all() and np.isfinite(beta).all()):
+            return np.full(g.shape[1], np.nan)  # the dynamics name the row without a value
+        g = np.where(np.abs(g) < RANK * SMALLEST, 0.0, g)
+        answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
+        error = np.abs(g @ answer - beta)
+        if error.max() > 1e-6 * max(1.0, np.abs(beta).max()):
+            rows = [repr(self.texts[k]) for k in np.argsort(-error)[:3] if error[k] > 0.1 * error.max()]
+            weak = self._weak_rows(g)
+            raise SingularError(
+                f"programme: {', '.join(rows)} cannot be met here by {', '.join(self.names)} (rank {rank} of {len(beta)} "
+                f"rows, smallest singular value {singular[-1]:.1e}; {weak}): add a control that moves it, or drop a row that "
+                "contradicts another"
+            )
+        return np.asarray(answer, dtype=np.float64)
+
+    def _weak_rows(self, g: Array) -> str:
+        left = np.linalg.svd(g)[0][:, -1]
+        return "the controls do not act on " + " and ".join(repr(self.texts[k]) for k in np.flatnonzero(np.abs(left) > 0.3))
+
+    def null_space(self, g: Array) -> Array:
+        """Return Z (S, S - r): an orthonormal basis of ker G, both in the scales of the controls."""
+        return np.linalg.qr(g.T, mode="complete")[0][:, len(g) :]
+
+    def rank(self, g: Array) -> tuple[int, float]:
+        """Return rank and condition number of G in the scales of the controls."""
+        singular = np.linalg.svd(g, compute_uv=False)
+        rank = int((singular > RANK * max(singular[0], SMALLEST)).sum())
+        return rank, float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
+
+
+def _least(g: Array, beta: Array) -> Array | None:
+    """Solve G u = beta by LU, by QR for the least u of more controls than rows; None where pivots show rows that repeat."""
+    rows, controls = g.shape
+    if rows == controls:
+        factor, _, answer, info = lapack.dgesv(g, beta)
+    else:
+        factor, answer, info = lapack.dgels(g, np.concatenate([beta, np.zeros(controls - rows)]))
+    pivots = sorted(map(abs, factor.diagonal().tolist()))
+    return None if info or not pivots[0] > RANK * max(pivots[-1], SMALLEST) else answer
+
+
+def _spread(h: Array, holonomic: NDArray[np.bool_]) -> Array:
+    whole = np.zeros((len(holonomic), len(holonomic)))
+    whole[:, holonomic] = h
+    return whole
+
+
+def control_channels(mechanism: Mechanism) -> tuple[Channel, ...]:
+    """Return the channels a programme's controls act through; SceneError for unknown or repeated names."""
+    programme = mechanism.scene.programme
+    names = programme.controls if programme else ()
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(f"programme.controls: {name!r} is named twice")
+    return tuple(find_channel(mechanism.layout, name, f"programme.controls[{k}]") for k, name in enumerate(names))
+
+
+def cross(g: Array) -> Array:
+    """Return u_tau of (5.6) for S = r + 1: the generalized cross product of the rows of G; G u_tau = 0."""
+    controls = g.shape[1]
+    return np.array([(-1.0) ** s * np.linalg.det(np.delete(g, s, axis=1)) for s in range(controls)])
+
+
+def own_rate(mechanism: Mechanism) -> float:
+    """Rate [rad/s] of a mechanism's own motion, for gains = "auto": sqrt(g / total length), or the fastest start rate."""
+    scene = mechanism.scene
+    length = total_length(mechanism)
+    falling = (max(scene.gravity, 1e-3) / length) ** 0.5 if length > 0.0 else 1.0
+    turning = [abs(value) for name, value in scene.start.items() if name.endswith("_dot") and name.startswith(("phi", "psi"))]
+    return max([falling, 1.0, *turning])
+
+
+def total_length(mechanism: Mechanism) -> float:
+    """Longest way [m] from the base to a tip at the start lengths."""
+    layout = mechanism.layout
+    lengths = [0.0]
+    for i in range(len(layout.links)):
+        path = [layout.links[k] for k in layout.path(i)]
+        lengths.append(sum(link.lower.length + link.rod_length + link.upper.length for link in path))
+    return max(lengths)
+
+
+def control_scales(mechanism: Mechanism, given: Sequence[Channel]) -> Array:
+    """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments)."""
+    scene = mechanism.scene
+    weights = scene.programme.weights if scene.programme else {}
+    names = [channel.name for channel in given]
+    for name in weights:
+        if name not in names:
+            raise SceneError(f"programme.weights.{name}: not one of the controls; {nearest(name, names)}")
+    mass = scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links)
+    force = mass * (scene.gravity or 9.81)
+    moment = force * (total_length(mechanism) or 1.0)
+    scales = [weights[c.name] ** -0.5 if c.name in weights else (moment if c.unit == "N m" else force) for c in given]
+    return np.array(scales)
+
+
+def _secondary_gains(programme: Programme) -> Programme:
+    frequency = programme.secondary_frequency or programme.frequency
+    gains: Literal["auto"] | None = None if frequency is not None else "auto"
+    return msgspec.structs.replace(programme, frequency=frequency, gains=gains, damping_ratio=1.0, h=None, k=None)

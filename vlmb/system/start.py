@@ -1,0 +1,312 @@
+"""The start: what the user gave is kept, the rest follows, and what had to be repaired is reported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, SimulationError, SingularError, nearest
+from vlmb.model.coordinates import Layout, State, segment_of
+from vlmb.model.mechanism import Mechanism
+from vlmb.system.constrained import SIDEWAYS
+from vlmb.system.constraints import Rows, RowValues
+from vlmb.system.frames import LinkFrames
+from vlmb.system.prescribed import prescribed_segments
+
+Array = NDArray[np.float64]
+
+HELD = 1e-9  # a residual below this counts as zero
+ITERATIONS, NUDGE = 60, 1e-6
+ALIKE = 1e-5  # rows whose directions differ by less are told: a little below, the dynamics take them for one
+FAR = 1.0  # [rad] between two azimuths that shall be equal
+LEAN = 0.3  # [rad] where the search begins for a link whose azimuth matters and whose elevation is not given
+
+
+class Start(NamedTuple):
+    """A consistent start: the state, all coordinates and rates by name, and what was repaired."""
+
+    state: State
+    coordinates: dict[str, float]
+    rates: dict[str, float]
+    repairs: tuple[str, ...]
+    rank: int  # of the ideal constraints, on what may move
+
+
+def consistent_start(mechanism: Mechanism) -> Start:
+    """Complete and repair the scene's `[start]`.
+
+    Unset: phi 0, psi pi/2, xi the segment's length, rates 0, then moved as little as needed for the constraints and the
+    programme to hold. Ideal constraints must hold: where they cannot, given values are repaired too. A programme may start
+    with an error, which then decays. Raises SceneError for unknown names, values on a prescribed segment, lengths outside
+    their limits, and constraints that no posture meets.
+    """
+    layout, given = mechanism.layout, mechanism.scene.start
+    _refuse_unknown(mechanism)
+    coordinates: dict[str, float] = {}
+    for coordinate in layout.coordinates:
+        if coordinate.kind == "xi":
+            default = segment_of(layout, coordinate).length
+        else:
+            default = math.pi / 2 if coordinate.kind == "psi" else 0.0
+        coordinates[coordinate.name] = given.get(coordinate.name, default)
+    rates = {f"{name}_dot": given.get(f"{name}_dot", 0.0) for name in layout.names}
+    for at in prescribed_segments(mechanism):
+        jet = at.law.jet(0.0)
+        if not all(map(math.isfinite, jet)):
+            raise SceneError(f"{at.name}: the law {at.law.text!r} has no finite value, rate and acceleration at t = 0")
+        coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
+    _refuse_outside_limits(mechanism, coordinates)
+    sets = row_sets(mechanism)
+    _share_azimuths(mechanism, coordinates, sets)
+    repairs = _meet_positions(mechanism, coordinates, sets)
+    repairs += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
+    repairs += _meet_rates(mechanism, coordinates, rates, sets)
+    count = len(mechanism.scene.constraints)
+    rank = max((_rank(mechanism, rows, coordinates, rates) for rows, ideal in sets if ideal), default=0)
+    if rank < count:
+        repairs.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
+    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs), rank)
+
+
+def _equated_azimuths(sets: list[tuple[Rows, bool]]) -> list[tuple[str, str]]:
+    """Pairs of azimuths that ideal rows such as `phi1 = phi0` equate."""
+    return [row.azimuths for rows, ideal in sets if ideal for row in rows.info if row.azimuths]
+
+
+def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
+    """Give an unset azimuth the value of the one an ideal row equates it with: at the pole the row alone cannot."""
+    given = mechanism.scene.start
+    for pair in _equated_azimuths(sets):
+        for name, other in (pair, pair[::-1]):
+            if name not in given and other in given:
+                coordinates[name] = coordinates[other]
+
+
+def row_sets(mechanism: Mechanism) -> list[tuple[Rows, bool]]:
+    """Return the scene's rows and whether they are ideal."""
+    scene, frames = mechanism.scene, LinkFrames(mechanism)
+    sets = []
+    if scene.constraints:
+        texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
+        sets.append((Rows(mechanism, frames, texts), True))
+    if scene.programme:
+        texts = [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(scene.programme.constraints)]
+        sets.append((Rows(mechanism, frames, texts), False))
+    return sets
+
+
+def _rank(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> int:
+    """Rank of rows on what may move: the sideways motion of a ski and prescribed lengths are taken out."""
+    jacobian = np.array(row_values(mechanism, rows, coordinates, rates).jacobian)
+    jacobian[:, [at.v for at in prescribed_segments(mechanism)]] = 0.0
+    if mechanism.layout.base == "ski":
+        jacobian[:, SIDEWAYS] = 0.0
+    sizes = np.linalg.norm(jacobian, axis=1)
+    unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
+    return int(np.linalg.matrix_rank(unit, tol=ALIKE)) if unit.size else 0
+
+
+def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
+    """Evaluate rows at a posture given by names, at t = 0."""
+    q, v = mechanism.state(coordinates, rates)
+    pin.crba(mechanism.model, mechanism.data, q, pin.Convention.WORLD)
+    return rows.evaluate(0.0, q, v, [coordinates[name] for name in mechanism.layout.names])
+
+
+def _bring_azimuths_near(coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
+    """Move azimuths that an ideal row equates halfway to each other, where a search from so far apart may end elsewhere."""
+    for first, second in _equated_azimuths(sets):
+        gap = math.remainder(coordinates[first] - coordinates[second], math.tau)
+        if abs(gap) > FAR:
+            coordinates[first] -= 0.5 * gap
+            coordinates[second] += 0.5 * gap
+
+
+def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> list[str]:
+    """Solve the holonomic rows for the coordinates that were not given; then, for ideal rows, for all."""
+    if not any(rows.holonomic.any() for rows, _ in sets):
+        return []
+    followed = {at.name for at in prescribed_segments(mechanism)}
+    names = [name for name in mechanism.layout.names if name not in followed]
+    unset = [name for name in names if name not in mechanism.scene.start]
+    before = dict(coordinates)
+    _bring_azimuths_near(coordinates, sets)
+
+    def residual(chosen: list[tuple[Rows, bool]]) -> Array:
+        parts = [row_values(mechanism, rows, coordinates, {}).z[rows.holonomic] for rows, _ in chosen]
+        return np.concatenate(parts)
+
+    try:
+        residual(sets)
+    except SingularError:
+        for name in unset:  # an azimuth needs a link off the pole
+            if name.startswith("psi"):
+                coordinates[name] -= LEAN
+    for free in ([name for name in unset if name not in "xyz"], unset):  # the place moves only if nothing else can
+        if free and np.abs(residual(sets)).max() > HELD:
+            _solve(mechanism, coordinates, free, lambda: residual(sets))
+    ideal = [entry for entry in sets if entry[1]]
+    if ideal and np.abs(residual(ideal)).max(initial=0.0) > HELD:
+        least = np.abs(residual(ideal))  # what is left may look small where the search ends, at a pole
+        _solve(mechanism, coordinates, names, lambda: residual(ideal))
+        if np.abs(residual(ideal)).max() > HELD:
+            texts = [text for rows, _ in ideal for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+            off = [(text, e) for text, e in zip(texts, least, strict=True) if e > 0.1 * least.max()]
+            worst = " and ".join(f"{text!r} (off by {e:.3g})" for text, e in off)
+            raise SceneError(
+                f"start: no posture near it meets the constraints {', '.join(map(repr, texts))} together: {worst}; "
+                "give a start nearer to them, or drop one that contradicts another"
+            )
+    repairs = [
+        _moved(name, coordinates[name], None if name in unset else before[name])
+        for name in names
+        if abs(coordinates[name] - before[name]) > HELD
+    ]
+    servo = [entry for entry in sets if not entry[1]]
+    if servo:
+        error = np.abs(residual(servo))
+        texts = [text for rows, _ in servo for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+        off = [(text, e) for text, e in zip(texts, error, strict=True) if e > HELD]
+        repairs += [f"start: {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+    return repairs
+
+
+def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str], residual: Callable[[], Array]) -> None:
+    """Move named coordinates as little as needed to make a residual zero: Gauss-Newton of least norm, shortened where needed."""
+    lengths = [c for c in mechanism.layout.coordinates if c.kind == "xi"]
+    bounds = {c.name: mechanism.segment(c).bounds for c in lengths}
+
+    def at(point: Array) -> Array:
+        for name, value in zip(names, point.tolist(), strict=True):
+            low, high = bounds.get(name, (-math.inf, math.inf))
+            coordinates[name] = min(max(value, low), high)
+        try:
+            return residual()
+        except (SingularError, SimulationError):
+            return error * 10.0
+
+    point = np.array([coordinates[name] for name in names])
+    error = residual()
+    for _ in range(ITERATIONS):
+        size = float(np.linalg.norm(error))
+        if size < 1e-14:
+            break
+        matrix = np.column_stack([(at(point + h) - at(point - h)) / (2.0 * NUDGE) for h in NUDGE * np.eye(len(names))])
+        step = np.linalg.lstsq(matrix, -error, rcond=1e-8)[0]
+        for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+            trial = at(point + share * step)
+            if np.linalg.norm(trial) < size:
+                point, error = np.array([coordinates[name] for name in names]), trial
+                break
+        else:
+            break
+    at(point)
+
+
+def _meet_rates(
+    mechanism: Mechanism, coordinates: dict[str, float], rates: dict[str, float], sets: list[tuple[Rows, bool]]
+) -> list[str]:
+    """Solve z' = 0, affine in the rates, for those not given; then, for ideal rows, for all."""
+    if not sets:
+        return []
+    layout, given = mechanism.layout, mechanism.scene.start
+    followed = {f"{at.name}_dot" for at in prescribed_segments(mechanism)}
+    names = [name for name in rates if name not in followed and not (layout.base == "ski" and name in ("x_dot", "y_dot"))]
+    speed_given = any(name in given for name in ("speed", "x_dot", "y_dot"))
+    if layout.base == "ski":
+        names = ["speed", *names]
+    unset = [name for name in names if name not in given and not (name == "speed" and speed_given)]
+    before = dict(rates)
+    cosine, sine = (math.cos(coordinates["phi0"]), math.sin(coordinates["phi0"])) if layout.base == "ski" else (0.0, 0.0)
+
+    def moved(changes: dict[str, float]) -> dict[str, float]:
+        result = dict(rates)
+        for name, change in changes.items():
+            if name == "speed":
+                result["x_dot"] += change * cosine
+                result["y_dot"] += change * sine
+            else:
+                result[name] += change
+        return result
+
+    def residual(chosen: list[tuple[Rows, bool]], changes: dict[str, float]) -> Array:
+        return np.concatenate([row_values(mechanism, rows, coordinates, moved(changes)).rate for rows, _ in chosen])
+
+    for chosen, free in ((sets, unset), ([entry for entry in sets if entry[1]], names)):
+        if not chosen or not free:
+            continue
+        error = residual(chosen, {})
+        if np.abs(error).max(initial=0.0) <= HELD:
+            continue
+        matrix = np.column_stack([residual(chosen, {name: 1.0}) - error for name in free])
+        change = -np.linalg.lstsq(matrix, error, rcond=1e-10)[0]
+        rates.update(moved(dict(zip(free, change.tolist(), strict=True))))
+    ideal = [entry for entry in sets if entry[1]]
+    if ideal and np.abs(residual(ideal, {})).max() > 1e-7:
+        texts = [text for rows, _ in ideal for text in rows.texts]
+        errors = np.abs(residual(ideal, {}))
+        worst = " and ".join(repr(text) for text, e in zip(texts, errors, strict=True) if e > 0.1 * errors.max())
+        raise SceneError(f"start: no rates meet the constraint {worst} at this posture; give other start values")
+    repairs = [
+        _moved(name, rates[name], before[name] if name in given else None)
+        for name in rates
+        if abs(rates[name] - before[name]) > HELD
+    ]
+    for rows, is_ideal in sets:
+        if not is_ideal:
+            values = row_values(mechanism, rows, coordinates, rates).rate
+            off = [(text, e) for text, e in zip(rows.texts, values, strict=True) if abs(e) > HELD]
+            repairs += [f"start: the rate of {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+    return repairs
+
+
+def _moved(name: str, value: float, given: float | None) -> str:
+    return f"start: {name} = {value:.9g} so that the equations hold" + ("" if given is None else f" (given: {given:.9g})")
+
+
+def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rates: dict[str, float]) -> list[str]:
+    """Make x_dot and y_dot obey the knife edge: one given determines the other, two are projected on the heading."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    both = "x_dot" in given and "y_dot" in given
+    speed = given.get("speed", cosine * rates["x_dot"] + sine * rates["y_dot"])
+    if "speed" not in given and not both:
+        for name, share in (("x_dot", cosine), ("y_dot", sine)):
+            if name in given and given[name] != 0.0:
+                if abs(share) < 1e-12:
+                    raise SceneError(f"start.{name} = {given[name]}: the ski's heading leaves no motion this way; give speed")
+                speed = given[name] / share
+    rates["x_dot"], rates["y_dot"] = speed * cosine, speed * sine
+    sideways = cosine * given.get("y_dot", 0.0) - sine * given.get("x_dot", 0.0)
+    if both and abs(sideways) > 1e-12 * max(1.0, abs(speed)):
+        return [f"sideways velocity {sideways:.6g} m/s of the ski removed; it moves along itself at {speed:.6g} m/s"]
+    return []
+
+
+def _refuse_unknown(mechanism: Mechanism) -> None:
+    layout, given = mechanism.layout, mechanism.scene.start
+    valid = [*layout.names, *(f"{name}_dot" for name in layout.names), *(("speed",) if layout.base == "ski" else ())]
+    followed = {at.name for at in prescribed_segments(mechanism)}
+    for name in given:
+        if name not in valid:
+            hint = " (with plane = true a link has no azimuth)" if layout.plane and name.startswith("phi") else ""
+            raise SceneError(f"start.{name}: no such coordinate in this scene{hint}; {nearest(name, valid)}")
+        if name.removesuffix("_dot") in followed:
+            raise SceneError(f"start.{name}: this segment follows its law; remove the start value")
+    if "speed" in given and ("x_dot" in given or "y_dot" in given):
+        raise SceneError("start.speed: give either speed or x_dot and y_dot, not both")
+
+
+def _refuse_outside_limits(mechanism: Mechanism, coordinates: dict[str, float]) -> None:
+    for coordinate in mechanism.layout.coordinates:
+        if coordinate.kind == "xi":
+            low, high = mechanism.segment(coordinate).bounds
+            if not low <= coordinates[coordinate.name] <= high:
+                raise SceneError(
+                    f"start.{coordinate.name} = {coordinates[coordinate.name]:g} m is outside its limits [{low:g}, {high:g}]; "
+                    "change it, or the segment's `limits`"
+                )

@@ -1,0 +1,305 @@
+"""The scenery: what is drawn of a mechanism and how it moves, as pure data for the browser and for stills.
+
+Bodies have paths such as "links/legs/rod/upper"; one moves with the body its path hangs on. Everything is in the surface
+frame, which the viewer tilts by the slope, so that gravity points down. Solids have the volume of their mass in water.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.model.coordinates import LinkIndex, SegmentIndex, kinematics
+from vlmb.model.mechanism import Mechanism
+from vlmb.scene.tables import Base, Link
+from vlmb.simulation.trajectory import Trajectory
+from vlmb.views import appearance as looks
+from vlmb.views import shapes
+from vlmb.views.appearance import Look, look_of
+from vlmb.views.reference_path import course
+from vlmb.views.sampling import at_times, smooth
+from vlmb.views.shapes import Lines, Mesh
+
+Array = NDArray[np.float64]
+
+VIEW_FROM = (-0.62, -1.0, 0.42)  # direction from what is looked at to the camera
+TRAIL_SECONDS = 1.5  # of the way of a tip
+AHEAD = 20.0  # [s] of the way of a programme that a start posture shows
+DENSITY = 1000.0  # [kg/m^3], of what masses are drawn as
+
+
+@dataclass(frozen=True)
+class Body:
+    """A shape and where it is relative to the body its path hangs on: constant, or frame by frame (N first)."""
+
+    path: str
+    shape: Mesh | Lines | None
+    colour: str
+    position: Array = field(default_factory=lambda: np.zeros(3))  # (3,) or (N, 3) [m]
+    rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) or (N, 3, 3)
+    scale: Array = field(default_factory=lambda: np.ones(3))  # (3,) or (N, 3)
+    grows: bool = False  # a way: as long as what lies behind
+    keeps: float = math.inf  # [s] of a way that stay visible
+    shadow: bool = True
+    in_front: bool = False  # drawn over everything
+
+    def pose(self, frame: int) -> Array:
+        """4 x 4 matrix in the parent's frame at a frame."""
+        pose = np.eye(4)
+        scale = self.scale[frame] if self.scale.ndim == 2 else self.scale
+        pose[:3, :3] = (self.rotation[frame] if self.rotation.ndim == 3 else self.rotation) * scale
+        pose[:3, 3] = self.position[frame] if self.position.ndim == 2 else self.position
+        return pose
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The plane z = height of the surface frame that is drawn."""
+
+    centre: tuple[float, float]
+    half: float  # [m] half the side
+    height: float
+    spacing: float  # [m] of the lines
+    snow: bool
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """All bodies over frames t (N,) [s], the ground, and what a camera should look at (N, 3), with its radius [m]."""
+
+    name: str
+    t: Array
+    slope: float
+    bodies: tuple[Body, ...]
+    ground: Ground
+    focus: Array
+    radius: float
+
+    @property
+    def turn(self) -> Array:
+        """Rotation about y that turns the surface frame so that gravity points down: the fall line descends along +x."""
+        cosine, sine = math.cos(self.slope), math.sin(self.slope)
+        return np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+
+    def poses(self, frame: int) -> dict[str, Array]:
+        """4 x 4 matrices of all bodies in the surface frame at a frame."""
+        found: dict[str, Array] = {}
+        for body in self.bodies:
+            parent = body.path.rpartition("/")[0]
+            found[body.path] = found.get(parent, np.eye(4)) @ body.pose(frame)
+        return found
+
+    def frame_at(self, time: float) -> int:
+        """Return the frame nearest to a time [s]."""
+        return int(np.argmin(np.abs(self.t - time)))
+
+
+def of_state(mechanism: Mechanism, state: tuple[Any, Any], arrows: bool = False) -> Scenery:
+    """Return the scenery of one posture."""
+    q, v = np.asarray(state[0], float), np.asarray(state[1], float)
+    times = np.linspace(0.0, min(mechanism.scene.run.duration, AHEAD), round(AHEAD / 0.01))
+    programme = _programme(mechanism, times, np.full(len(times), v[0]), q)
+    return _build(mechanism, np.zeros(1), q[None], arrows, None, programme)
+
+
+def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = False, programme: Any = None) -> Scenery:
+    """Return the scenery of a motion at `fps` frames a second.
+
+    `programme` (n, 2) [m] is drawn as a dashed way; default: the course that the scene's programme prescribes, if it does.
+    """
+    t, mechanism = trajectory.t, trajectory.mechanism
+    if len(t) < 2:
+        return of_state(mechanism, (trajectory.q[0], trajectory.v[0]), arrows)
+    frames = max(2, round((t[-1] - t[0]) * fps) + 1)
+    when = np.linspace(t[0], t[-1], frames)
+    q = at_times(mechanism.model, t, trajectory.q, when)
+    edge = None
+    if arrows and mechanism.layout.base == "ski":
+        edge = np.interp(when, t, trajectory.reactions["knife_edge"])
+    if programme is None:
+        programme = _programme(mechanism, t, trajectory.v[:, 0], trajectory.q[0])
+    return _build(mechanism, when, q, arrows, edge, programme)
+
+
+def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array | None:
+    """The way a programme prescribes from a configuration on."""
+    if mechanism.layout.base != "ski":
+        return None
+    return course(mechanism.scene, t, speed, (float(q[0]), float(q[1]), math.atan2(q[3], q[2])))
+
+
+def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array | None, programme: Any) -> Scenery:
+    layout, scene = mechanism.layout, mechanism.scene
+    rotations = kinematics(layout, q, np.zeros((len(q), layout.nv))).rotations
+    size = _size(mechanism)
+    bodies: list[Body] = []
+    base = np.zeros((len(q), 3))
+    if layout.base == "ski":
+        base[:, :2] = q[:, :2]
+        heading = _about_z(q[:, 2], q[:, 3])
+        bodies += _ski(mechanism, base, heading)
+        bodies += _ways(base, size, programme)
+    elif layout.base == "free":
+        base[:, [0, 2] if layout.plane else [0, 1, 2]] = q[:, : layout.base_size]
+        if scene.base.mass:
+            bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), looks.MASS, base))
+    hinges: dict[int, Array] = {}
+    parents = {link.parent for link in layout.links if link.point == "tip"}
+    tips: list[Array] = []
+    for i in layout.order:
+        index, link = layout.links[i], scene.links[i]
+        hinges[i] = base if index.parent < 0 else _point(layout.links[index.parent], q, hinges[index.parent],
+                                                         rotations[:, index.parent, :, 0], index.point)  # fmt: skip
+        bodies += _link(link, index, q, hinges[i], rotations[:, i], size, i, i in parents)
+        tips.append(_point(index, q, hinges[i], rotations[:, i, :, 0], "tip"))
+    everything = np.stack([base, *hinges.values(), *tips], axis=1)
+    ground = _ground(everything, size, layout.base)
+    if layout.base == "pivot":
+        below = float(np.mean(everything[..., 2])) > 0.0
+        cone = shapes.cone(0.09 * size, 0.05 * size)
+        bodies.insert(0, Body("stand", cone if below else shapes.turned_over(cone), looks.STAND))
+    if layout.base != "ski" and tips and len(t) > 1:
+        trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
+        bodies.append(Body("trail", trail, looks.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
+    if arrows:
+        bodies += _arrows(mechanism, q, size, edge)
+    centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
+    focus = np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape) if layout.base == "pivot" else centre
+    radius = float(np.linalg.norm(everything - focus[:, None], axis=2).max()) + 0.25 * size
+    if layout.base == "ski":
+        radius = max(radius, float(np.linalg.norm(base - focus, axis=1).max()) + 0.5 * _ski_length(scene.base))
+    if layout.base != "pivot":
+        focus = smooth(focus)
+    return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), max(radius, 0.6 * size))
+
+
+def _link(
+    link: Link, index: LinkIndex, q: Array, hinge: Array, rotation: Array, size: float, number: int, carries: bool
+) -> list[Body]:
+    """Lower segment, rod, upper segment, hinge and point mass of a link."""
+    look = look_of(link.name, number)
+    length = index.rod_length
+    volume = max(link.rod.mass, 1e-9) / DENSITY
+    low, high = 0.012 * size, max(0.75 * length, 0.012 * size)
+    radius = look.thickness * float(np.clip(math.sqrt(volume / (math.pi * max(length, 1e-9))), low, high))
+    thin = max(0.35 * radius, 0.008 * size)
+    path = f"links/{link.name}"
+    lower, upper = _length(index.lower, q), _length(index.upper, q)
+    bodies = [Body(path, shapes.ball(1.15 * thin), look.colour if look.of_body else looks.HINGE, hinge, rotation)]
+    if np.any(lower != 0.0):
+        bodies.append(Body(f"{path}/lower", shapes.tube(thin), looks.TELESCOPE, scale=_along(lower, 1.0)))
+    bodies.append(Body(f"{path}/rod", _solid(link, radius, look), look.colour, position=_along(lower, 0.0)))
+    if np.any(upper != 0.0):
+        at = np.array([length, 0.0, 0.0])
+        bodies.append(Body(f"{path}/rod/upper", shapes.tube(0.8 * thin), looks.TELESCOPE, position=at, scale=_along(upper, 1.0)))
+    if link.tip_mass:
+        mass = shapes.ball(_ball_radius(link.tip_mass, size))
+        skin = {looks.SKIN: looks.SKIN, looks.JACKET: looks.SKIN}.get(look.colour, looks.MASS)  # a head
+        colour = look.colour if look.of_body and carries else skin
+        bodies.append(Body(f"{path}/rod/mass", mass, colour, position=_along(length + upper, 0.0)))
+    return bodies
+
+
+def _solid(link: Link, radius: float, look: Look) -> Mesh | None:
+    length = link.rod.length
+    if look.round and link.rod.mass:
+        return shapes.moved(shapes.ball(max(_ball_radius(link.rod.mass, 0.0), 0.5 * length)), (0.5 * length, 0.0, 0.0))
+    return shapes.limb(length, radius, look.width, look.depth) if length > 0.0 else None
+
+
+def _ski(mechanism: Mechanism, base: Array, heading: Array) -> list[Body]:
+    scene = mechanism.scene.base
+    length = _ski_length(scene)
+    bodies = [Body("ski", shapes.ski(length), looks.SKI, base, heading)]
+    centre = np.array([scene.com_offset, 0.0, 0.02 * length])
+    if not mechanism.scene.links or scene.com_offset:
+        bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), looks.MASS, centre))
+    return bodies
+
+
+def _ski_length(base: Base) -> float:
+    return float(np.clip(math.sqrt(12.0 * base.inertia / base.mass), 0.7, 2.0))
+
+
+def _ways(base: Array, size: float, programme: Any) -> list[Body]:
+    """The track left behind and the way of a programme."""
+    bodies = []
+    if len(base) > 1:
+        bodies.append(Body("track", shapes.ribbon(base[:, :2], 0.05 * size, 0.004), looks.TRACK, grows=True, shadow=False))
+    if programme is not None:
+        way = shapes.dashes(np.asarray(programme, float), 0.03 * size, 0.006, 0.3 * size)
+        bodies.append(Body("programme", way, looks.PROGRAMME, shadow=False))
+    return bodies
+
+
+def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None) -> list[Body]:
+    """Gravity at the centre of mass and the edge force on the ski, to one scale."""
+    model, data, scene = mechanism.model, mechanism.data, mechanism.scene
+    down = np.array(scene.surface_gravity)
+    weight = float(np.linalg.norm(down)) * (scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links))
+    bodies = []
+    if weight > 0.0:
+        centre = np.array([pin.centerOfMass(model, data, row) for row in q])
+        side = np.cross([0.0, 1.0, 0.0], down / np.linalg.norm(down))
+        turned = np.column_stack([down / np.linalg.norm(down), [0.0, 1.0, 0.0], -side])
+        bodies.append(Body("gravity", shapes.arrow(0.7 * size), looks.GRAVITY, centre, turned, shadow=False, in_front=True))
+    if edge is not None:
+        left = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        share = edge / max(weight, 1e-9)
+        scale = np.repeat(np.where(np.abs(share) < 1e-4, 1e-4, share)[:, None], 3, axis=1)
+        at = np.array([0.0, 0.0, 0.05 * size])
+        arrow = shapes.arrow(0.7 * size)
+        bodies.append(Body("ski/edge_force", arrow, looks.EDGE_FORCE, at, left, scale, shadow=False, in_front=True))
+    return bodies
+
+
+def _ground(everything: Array, size: float, base: str) -> Ground:
+    low = everything.reshape(-1, 3).min(axis=0)
+    high = everything.reshape(-1, 3).max(axis=0)
+    on_ground = base == "ski" or (low[2] > -0.02 * size and everything[..., 2].mean() > 0.1 * size)
+    centre = (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2)
+    reach = float(max(high[:2] - low[:2])) / 2 + 40.0 * size
+    spacing = 10.0 ** round(math.log10(0.7 * size))
+    spacing *= 2.0 ** max(0, math.ceil(math.log2(reach / spacing / 80.0)))
+    return Ground(centre, reach, 0.0 if on_ground else float(low[2]) - 0.25 * size, spacing, base == "ski")
+
+
+def _size(mechanism: Mechanism) -> float:
+    """Return a length [m] typical of the mechanism: its longest branch at the start lengths."""
+    layout = mechanism.layout
+    lengths = [link.lower.length + link.rod_length + link.upper.length for link in layout.links]
+    return max((sum(lengths[k] for k in layout.path(i)) for i in range(len(lengths))), default=0.0) or 1.0
+
+
+def _ball_radius(mass: float, size: float) -> float:
+    radius = (0.75 * mass / (math.pi * DENSITY)) ** (1 / 3)
+    return float(np.clip(radius, 0.02 * size, 0.14 * size)) if size else radius
+
+
+def _length(segment: SegmentIndex, q: Array) -> Array:
+    return q[:, segment.q] if segment.joint else np.full(len(q), segment.length)
+
+
+def _point(link: LinkIndex, q: Array, hinge: Array, direction: Array, point: str) -> Array:
+    lower = _length(link.lower, q)
+    distance = {"rod_start": lower, "rod_end": lower + link.rod_length, "tip": lower + link.rod_length + _length(link.upper, q)}
+    return np.asarray(hinge + distance[point][:, None] * direction)
+
+
+def _along(values: Array, others: float) -> Array:
+    """Vectors (N, 3) with values along x; never exactly 0 where they are scales."""
+    found = np.full((len(values), 3), others)
+    found[:, 0] = np.where(np.abs(values) < 1e-6, 1e-6, values) if others else values
+    return found
+
+
+def _about_z(cosine: Array, sine: Array) -> Array:
+    turned = np.zeros((len(cosine), 3, 3))
+    turned[:, 0, 0] = turned[:, 1, 1] = cosine
+    turned[:, 1, 0], turned[:, 0, 1], turned[:, 2, 2] = sine, -sine, 1.0
+    return turned
