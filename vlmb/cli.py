@@ -21,7 +21,7 @@ from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
 from vlmb.model.long_chains import is_long
 from vlmb.model.mechanism import Mechanism, build, data_bytes
-from vlmb.model.symbols import counted
+from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.simulation.integrate import METHODS
 from vlmb.simulation.simulate import check, run_options, simulate

@@ -13,10 +13,11 @@ from scipy.integrate import simpson
 import vlmb
 from tests.small_scenes import ANY_LENGTH, BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, link, random_state, scene
 from vlmb.model.coordinates import kinematics
+from vlmb.model.names import generalized_forces
 from vlmb.simulation.simulate import check
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.dynamics import Dynamics
-from vlmb.system.forces import channels, column, find_channel
+from vlmb.system.forces import column
 from vlmb.system.frames import LinkFrames
 from vlmb.system.springs import FADE
 
@@ -64,7 +65,7 @@ def test_work_of_every_generalized_force(name: str) -> None:
         reference = [now[each] for each in layout.names]
         frames, tau = LinkFrames(mechanism), np.zeros(layout.nv)
         pin.crba(model, mechanism.data, state.q, pin.Convention.WORLD)
-        for channel in channels(layout).values():
+        for channel in generalized_forces(layout).values():
             column(channel, frames, reference, tau)
             if channel.kind != "hinge":
                 coordinate = channel.coordinate
@@ -79,20 +80,21 @@ def test_work_of_every_generalized_force(name: str) -> None:
                 )
             assert tau @ state.v == pytest.approx(rate, rel=1e-6, abs=1e-6), channel.name
             tested.add(channel.name)
-    assert tested == set(channels(layout))
+    assert tested == set(generalized_forces(layout))
 
 
 def test_the_names_of_forces() -> None:
-    names = set(channels(vlmb.build(LAYOUTS["tree on the ski"]).layout))
+    names = set(generalized_forces(vlmb.build(LAYOUTS["tree on the ski"]).layout))
     assert names == {
         "F_x", "F_y", "M_phi0", "M_phi1", "M_psi1", "F1_1", "F1_2", "M_phi2", "M_psi2", "F2_1", "M_phi3", "M_psi3", "F3_2",
         "M_phi4", "M_psi4", "F4_1", "F4_2", "T_legs", "T_arm", "T_trunk", "T_hand",
     }  # fmt: skip
-    assert set(channels(vlmb.build(scene(FLYING, 1)).layout)) == {"F_x", "F_y", "F_z", "M_phi1", "M_psi1", "F1_1", "F1_2"}
-    plane = set(channels(vlmb.build(LAYOUTS["pivot in a plane"]).layout))
+    flying = generalized_forces(vlmb.build(scene(FLYING, 1)).layout)
+    assert set(flying) == {"F_x", "F_y", "F_z", "M_phi1", "M_psi1", "F1_1", "F1_2"}
+    plane = set(generalized_forces(vlmb.build(LAYOUTS["pivot in a plane"]).layout))
     assert not any(name.startswith("M_phi") for name in plane)
     with pytest.raises(vlmb.SceneError, match="plane"):
-        find_channel(vlmb.build(LAYOUTS["pivot in a plane"]).layout, "M_phi1", "here")
+        vlmb.build(LAYOUTS["pivot in a plane"]).names.force("M_phi1", "here")
 
 
 # Routes and forms ----------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from vlmb import Scene, simulate
 
 pytest.importorskip("matplotlib")
 
-from vlmb.model.symbols import symbol
+from vlmb.model.names import quantity_of
 from vlmb.views.plots import PLOTS, ZERO, save_all
 from vlmb.views.style import run_labels
 
@@ -71,7 +71,7 @@ def test_every_coordinate_and_rate_is_drawn_as_computed(runs: dict[str, vlmb.Tra
     run = runs[name]
     figure = PLOTS["coordinates"](run)
     for coordinate in run.mechanism.layout.coordinates:
-        drawn = lines_of(figure, symbol(coordinate))
+        drawn = lines_of(figure, quantity_of(coordinate).symbol)
         assert len(drawn) == 2
         for line, quantity in zip(drawn, (coordinate.name, f"{coordinate.name}_dot"), strict=True):
             np.testing.assert_array_equal(line.get_xdata(), run.t)

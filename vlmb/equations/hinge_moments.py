@@ -20,9 +20,9 @@ import math
 from collections.abc import Mapping
 
 from vlmb.equations.motion import complete_posture
-from vlmb.equations.solver import force_name
 from vlmb.errors import SceneError, finite, nearest
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import force_along
 
 
 def generalized_from_hinge_moments(
@@ -70,7 +70,7 @@ def hinge_moments_from_generalized(
 
 def _given(mechanism: Mechanism, forces: Mapping[str, float]) -> dict[str, float]:
     """Every force by name, 0 where none is given."""
-    out = {force_name(coordinate): 0.0 for coordinate in mechanism.layout.coordinates}
+    out = {force_along(coordinate): 0.0 for coordinate in mechanism.layout.coordinates}
     for name, value in forces.items():
         if name not in out:
             why = "with plane = true the links have no azimuth of their own; " if str(name).startswith("M_phi") else ""

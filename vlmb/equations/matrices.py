@@ -17,6 +17,7 @@ from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import SceneError, nearest
 from vlmb.model.coordinates import Layout
 from vlmb.model.mechanism import build
+from vlmb.model.names import tex_of
 from vlmb.scene.scene import load_scene
 from vlmb.system.start import consistent_start
 
@@ -50,7 +51,7 @@ def at_posture(path: str | Path, changes: Sequence[str] = (), form: str = "full"
     if ski:  # the start's speed stays along the ski when the heading changes
         heading = coordinates["phi0"]
         rates["speed"] = rates.pop("x_dot") * math.cos(heading) + rates.pop("y_dot") * math.sin(heading)
-    given = dict(_read(entry) for entry in changes)
+    given = mechanism.names.canonical(dict(_read(entry) for entry in changes), "--at")
     if ski and ("x_dot" in given or "y_dot" in given):
         del rates["speed"]
     for name, value in given.items():
@@ -132,7 +133,7 @@ def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
     tiny = _rounding(eom)
     most_columns = min(max([len(table.columns) for table in blocks] + [3]), TEX_COLUMNS)
     most_rows = max([len(table.rows) for table in blocks] + [12])
-    posture = [f"{_symbol(name)}={_tex_number(value, 0.0)}" for name, value in {**eom.coordinates, **eom.rates}.items()]
+    posture = [f"{tex_of(name)}={_tex_number(value, 0.0)}" for name, value in {**eom.coordinates, **eom.rates}.items()]
     lines = [
         r"\documentclass{article}",
         r"\usepackage{amsmath}",
@@ -148,9 +149,9 @@ def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
             columns = table.columns[chosen]
             title = rf"\texttt{{{_escaped(table.block)}}}" + (", continued" if first else "")
             lines += ["", title, r"\[", rf"\begin{{array}}{{r|{'r' * len(columns)}}}"]
-            lines.append(" & " + " & ".join(map(_symbol, columns)) + r" \\ \hline")
+            lines.append(" & " + " & ".join(map(tex_of, columns)) + r" \\ \hline")
             for row, values in zip(table.rows, table.values.tolist(), strict=True):
-                lines.append(f"{_symbol(row)} & " + " & ".join(_tex_number(value, tiny) for value in values[chosen]) + r" \\")
+                lines.append(f"{tex_of(row)} & " + " & ".join(_tex_number(value, tiny) for value in values[chosen]) + r" \\")
             lines += [r"\end{array}", r"\]"]
     return "\n".join([*lines, r"\end{document}"]) + "\n"
 
@@ -189,20 +190,6 @@ def _with_owner(layout: Layout, name: str) -> str:
     at = layout.index.get(name)
     link = layout.coordinates[at].link if at is not None else -1
     return name if link < 0 or layout.links[link].name == f"link{link + 1}" else f"{name} ({layout.links[link].name})"
-
-
-def _symbol(name: str) -> str:
-    r"""LaTeX of a name: `2*phi1_dot*xi1_2_dot` is 2\,\dot{\varphi}_{1}\,\dot{\xi}_{1,2}."""
-    if "*" in name:
-        return r"\,".join(_symbol(part) for part in name.split("*"))
-    if name.endswith("^2"):
-        return _symbol(name[:-2]) + "^{2}"
-    stem, dots = re.fullmatch(r"(.*?)((?:_d+ot)?)", name).groups()  # type: ignore[union-attr]
-    letter, index = re.fullmatch(r"(\d+|[a-z]+)([\d_]*)", stem).groups()  # type: ignore[union-attr]
-    symbol = {"phi": r"\varphi", "psi": r"\psi", "xi": r"\xi", "speed": "w"}.get(letter, letter)
-    if dots:
-        symbol = rf"\{dots[1:]}{{{symbol}}}"
-    return symbol + (f"_{{{index.replace('_', ',')}}}" if index else "")
 
 
 def _tex_number(value: float, tiny: float) -> str:

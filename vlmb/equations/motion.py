@@ -255,6 +255,7 @@ def equations_of_motion(
 def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> dict[str, float]:
     """Check that every coordinate is there and finite; SceneError names the one that is not, and its link."""
     layout = mechanism.layout
+    coordinates = mechanism.names.canonical(coordinates, "coordinates")
     for name in coordinates:
         if name not in layout.index:
             why = next((f"left out of this scene: {text}" for text in mechanism.left_out if text.startswith(f"{name},")), "")
@@ -268,8 +269,8 @@ def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> 
 
 
 def _all_rates(mechanism: Mechanism, posture: Mapping[str, float], rates: Mapping[str, float]) -> dict[str, float]:
-    layout = mechanism.layout
-    known = [f"{name}_dot" for name in layout.names] + (["speed"] if layout.base == "ski" else [])
+    layout, rates = mechanism.layout, mechanism.names.canonical(rates, "rates")
+    known = mechanism.names.known[len(layout.names) :]
     for name in rates:
         if name not in known:
             raise SceneError(f"unknown rate {name!r}; {nearest(name, known)}")

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, finite, nearest
-from vlmb.model.coordinates import Coordinate, Layout, segment_of
+from vlmb.model.coordinates import Layout, segment_of
+from vlmb.model.names import force_along
 
 Array = NDArray[np.float64]
 
@@ -50,13 +51,6 @@ def condition_number(matrix: Array) -> float:
     return float(sizes.max() / sizes.min()) if sizes.min() > 0.0 else math.inf
 
 
-def force_name(coordinate: Coordinate) -> str:
-    """Name of a coordinate's generalized force: F_x, M_phi0, M_psi1, F1_2."""
-    if coordinate.kind == "xi":
-        return f"F{coordinate.link + 1}_{coordinate.segment}"
-    return ("F_" if coordinate.kind in "xyz" else "M_") + coordinate.name
-
-
 def solve(system: System, forces: ArrayLike | Mapping[str, float] | None, known: Mapping[str, float]) -> Solution:
     """Solve for the accelerations that are not known; see `EquationsOfMotion.solve`."""
     given = _known(system, known)
@@ -76,7 +70,7 @@ def solve(system: System, forces: ArrayLike | Mapping[str, float] | None, known:
         accelerations[free] = motion + edge * unit
     missing = system.mass @ accelerations - right
     coordinates = {coordinate.name: coordinate for coordinate in system.layout.coordinates}
-    kept = {force_name(coordinates[system.names[at]]): float(missing[at]) for at in given}
+    kept = {force_along(coordinates[system.names[at]]): float(missing[at]) for at in given}
     return Solution(accelerations, edge, kept)
 
 
@@ -105,7 +99,7 @@ def _force_vector(system: System, forces: ArrayLike | Mapping[str, float] | None
     if forces is None:
         return np.zeros(size)
     if isinstance(forces, Mapping):
-        places = {force_name(coordinate): at for at, coordinate in enumerate(layout.coordinates)} | layout.index
+        places = {force_along(coordinate): at for at, coordinate in enumerate(layout.coordinates)} | layout.index
         full = np.zeros(len(layout.names))
         for name, value in forces.items():
             if name not in places:

@@ -91,6 +91,14 @@ class Layout:
         return {name: i for i, name in enumerate(self.names)}
 
     @cached_property
+    def _places(self) -> dict[tuple[str, int, int], int]:
+        return {(c.kind, c.link, c.segment): at for at, c in enumerate(self.coordinates)}
+
+    def place(self, kind: str, link: int, segment: int = 0) -> int:
+        """Position of a coordinate in `names` by its kind, link and segment."""
+        return self._places[kind, link, segment]
+
+    @cached_property
     def base_size(self) -> int:
         """Velocities of the base: 3 for a ski or a free base (2 in a plane), 0 for a pivot."""
         return 0 if self.base == "pivot" else 2 if self.base == "free" and self.plane else 3

@@ -22,11 +22,12 @@ from vlmb.model import coordinates as chart
 from vlmb.model.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.display import Displayed
 from vlmb.model.long_chains import is_long
+from vlmb.model.names import POINTS, Names
+from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import BASE, Segment
 
-POINTS = ("hinge", "rod_start", "rod_end", "tip")
 # A thin rod has no axial inertia, and a ball joint then a singular matrix. Without axial torque any positive value
 # gives the thin rod's motion; this multiple of the inertia about the hinge keeps the matrix well conditioned.
 AXIAL_RATIO = 1.0
@@ -63,6 +64,15 @@ class Mechanism(Displayed):
         """The paper's coordinates in this scene: `x y phi0`, then `phi1 psi1 xi1_1 xi1_2`, ..."""
         return self.layout.names
 
+    @cached_property
+    def names(self) -> Names:
+        """Every name that equations, forces, tables and figures of this mechanism may use."""
+        return Names(self.layout)
+
+    def postures(self, state: tuple[Any, Any]) -> Postures:
+        """Return where every point is, and how it moves, at one state (q, v) or many (samples first)."""
+        return postures(self.scene, self.layout, state[0], state[1])
+
     def segment(self, coordinate: Coordinate) -> Segment:
         """Return what the scene says of the segment whose length a coordinate is."""
         return self.scene.links[coordinate.link].segment(coordinate.segment)
@@ -72,12 +82,14 @@ class Mechanism(Displayed):
 
         Raises SceneError naming a missing, unknown or non-finite coordinate.
         """
-        return chart.make_state(self.layout, coordinates, rates)
+        coordinates = self.names.canonical(coordinates, "coordinates")
+        return chart.make_state(self.layout, coordinates, self.names.canonical(rates or {}, "rates"))
 
     def coordinates(self, state: tuple[Any, Any], near: Mapping[str, float] | None = None) -> dict[str, float]:
         """Read coordinates and rates of a state (q, v), angles on the branch nearest to `near`."""
         reference = None
         if near is not None:
+            near = self.names.canonical(near, "near")
             reference = np.array([near.get(name, 0.0) for name in self.layout.names])
         values, rates = chart.read_coordinates(self.layout, np.asarray(state[0]), np.asarray(state[1]), reference)
         named = dict(zip(self.layout.names, values.tolist(), strict=True))
@@ -88,8 +100,7 @@ class Mechanism(Displayed):
         from_name = f"{link}.{point}"
         if from_name not in self.frames:
             raise SceneError(f"unknown point {from_name!r}; points: {', '.join(self.frames)}")
-        pin.forwardKinematics(self.model, self.data, pin.normalize(self.model, np.asarray(state[0], dtype=float)))
-        return np.array(pin.updateFramePlacement(self.model, self.data, self.frames[from_name]).translation)
+        return np.array(self.postures(state).position(self.names.links[link], point))
 
 
 def build(scene: Scene) -> Mechanism:

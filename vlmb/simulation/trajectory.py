@@ -6,7 +6,6 @@ import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +17,11 @@ from numpy.typing import NDArray
 
 from vlmb._version import __version__
 from vlmb.errors import TrajectoryError, nearest
-from vlmb.model.coordinates import kinematics, read_samples
+from vlmb.model.coordinates import read_samples
 from vlmb.model.display import Displayed
-from vlmb.model.mechanism import POINTS, Mechanism, build
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.names import POINTS
+from vlmb.model.reading import Postures
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.histories import ENERGIES, SNOW, energies_along, forces_along
@@ -127,9 +128,7 @@ class Trajectory(Displayed):
     @property
     def names(self) -> tuple[str, ...]:
         """Names `trajectory[...]` knows, apart from points, directions and lengths of links."""
-        rates = tuple(f"{name}_dot" for name in self.mechanism.layout.names)
-        speed = ("speed",) if self.mechanism.layout.base == "ski" else ()
-        return ("t", *self.mechanism.layout.names, *rates, *speed, *ENERGIES)
+        return ("t", *self.mechanism.names.known, *ENERGIES)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -138,30 +137,21 @@ class Trajectory(Displayed):
         return f"<Trajectory of {self.scene.name!r}: {len(self)} samples, {self.message}>"
 
     def __getitem__(self, name: str) -> Array:
-        layout = self.mechanism.layout
         if name == "t":
             return self.t
-        if name in layout.index:
-            return self._coordinates[0][:, layout.index[name]]
-        if name.removesuffix("_dot") in layout.index:
-            return self._coordinates[1][:, layout.index[name.removesuffix("_dot")]]
         if name in ENERGIES:
             return self._energies[name]
-        if name == "speed" and layout.base == "ski":
-            return self.v[:, 0]
-        if "." in name:
-            return self._of_link(name)
-        raise TrajectoryError(f"this trajectory has no {name!r}; {nearest(name, self.names)}")
+        names = self.mechanism.names
+        if name not in names:
+            raise TrajectoryError(f"this trajectory has no {name!r:.80}; {names.hint(name)}")
+        return self._postures.read(names.find(name), *self._coordinates)
 
     def position(self, link: str, point: str = "tip") -> Array:
         """Positions (N, 3) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
-        if f"{link}.{point}" not in self.mechanism.frames:
-            known = [entry.name for entry in self.mechanism.layout.links]
-            raise TrajectoryError(f"no point {point!r} of link {link!r}; links: {', '.join(known)}; points: {', '.join(POINTS)}")
-        i = [entry.name for entry in self.mechanism.layout.links].index(link)
-        at = self._hinge(i)
-        distance = self._distances(i)[point]
-        return at + distance[:, None] * self._directions[:, i]
+        links = self.mechanism.names.links
+        if link not in links or point not in POINTS:
+            raise TrajectoryError(f"no point {point!r} of link {link!r}; links: {', '.join(links)}; points: {', '.join(POINTS)}")
+        return self._postures.position(links[link], point)
 
     @cached_property
     def controls(self) -> Mapping[str, Array]:
@@ -229,8 +219,8 @@ class Trajectory(Displayed):
         return read_samples(self.mechanism.layout, self.t, self.q, self.v, self.reference)
 
     @cached_property
-    def _directions(self) -> Array:
-        return kinematics(self.mechanism.layout, self.q, self.v).directions
+    def _postures(self) -> Postures:
+        return self.mechanism.postures((self.q, self.v))
 
     @cached_property
     def _dynamics(self) -> Dynamics:
@@ -250,44 +240,6 @@ class Trajectory(Displayed):
     @cached_property
     def _energies(self) -> dict[str, Array]:
         return energies_along(self._dynamics, self.q, self.v, self.work_by_force)
-
-    def _of_link(self, name: str) -> Array:
-        names = [entry.name for entry in self.mechanism.layout.links]
-        link, _, rest = name.partition(".")
-        what, _, axis = rest.partition(".")
-        if link not in names:
-            raise TrajectoryError(f"this trajectory has no {name!r}: no link {link!r}; {nearest(link, names)}")
-        i = names.index(link)
-        if rest == "length":
-            return self._distances(i)["tip"]
-        if axis in ("x", "y", "z") and what in (*POINTS, "direction"):
-            vectors = self._directions[:, i] if what == "direction" else self.position(link, what)
-            return vectors[:, "xyz".index(axis)]
-        raise TrajectoryError(
-            f"this trajectory has no {name!r}; of a link it has length, and x, y, z of direction, {', '.join(POINTS)}, "
-            f"e.g. {link}.tip.z"
-        )
-
-    def _distances(self, i: int) -> dict[str, Array]:
-        """Distances (N,) [m] of a link's points from its hinge."""
-        link = self.mechanism.layout.links[i]
-        lower = self.q[:, link.lower.q] if link.lower.joint else np.full(len(self), link.lower.length)
-        upper = self.q[:, link.upper.q] if link.upper.joint else np.full(len(self), link.upper.length)
-        end = lower + link.rod_length
-        return {"hinge": np.zeros(len(self)), "rod_start": lower, "rod_end": end, "tip": end + upper}
-
-    def _hinge(self, i: int) -> Array:
-        """Hinge positions (N, 3) [m] of link i."""
-        layout, at = self.mechanism.layout, np.zeros((len(self), 3))
-        if layout.base == "ski":
-            at[:, :2] = self.q[:, :2]
-        elif layout.base == "free":
-            at[:, [0, 2] if layout.plane else [0, 1, 2]] = self.q[:, : layout.base_size]
-        path = layout.path(i)
-        for k, following in pairwise(path):
-            point = layout.links[following].point
-            at = at + self._distances(k)[point][:, None] * self._directions[:, k]
-        return at
 
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""

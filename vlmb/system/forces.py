@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, SimulationError, SingularError, nearest
-from vlmb.model.coordinates import POLE, Layout, kinematics, read_angles, read_coordinates, segment_of
-from vlmb.model.mechanism import POINTS, Mechanism
+from vlmb.errors import SceneError, SimulationError, SingularError
+from vlmb.model.coordinates import POLE, read_angles, read_coordinates
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import GeneralizedForce
+from vlmb.model.reading import Postures
 from vlmb.scene.laws import Law, time_law
 from vlmb.system.frames import LinkFrames, Vector, between
 
@@ -25,63 +27,7 @@ Array = NDArray[np.float64]
 Control = Callable[[float, "View"], Mapping[str, float]]
 
 
-@dataclass(frozen=True)
-class Channel:
-    """A named generalized force: F1_1, F_x, M_phi0, M_phi1, M_psi1 or T_legs."""
-
-    name: str
-    kind: str  # axis | surface | phi | psi | hinge
-    link: int = -1
-    v: int = -1  # axis: index into tau
-    unit: str = "N"
-    coordinate: str = ""  # the coordinate it acts along; none for a hinge torque
-
-
-def channels(layout: Layout) -> dict[str, Channel]:
-    """List every generalized force a scene may use, by name.
-
-    `F{i}_{a}` along xi{i}_{a}; `F_x F_y F_z` at the base; `M_phi0` on the ski; `M_phi{i}`, `M_psi{i}` of the absolute
-    angles; `T_{link}`: hinge torque, equal and opposite on the link and its parent, positive when it opens the angle between
-    their directions (a base counts as its heading; in a plane: positive when it raises psi of the link).
-    """
-    found: dict[str, Channel] = {}
-
-    def add(name: str, kind: str, link: int, v: int, unit: str, coordinate: str) -> None:
-        found[name] = Channel(name, kind, link, v, unit, coordinate)
-
-    for at, coordinate in enumerate(layout.coordinates):
-        i, kind = coordinate.link, coordinate.kind
-        if kind in "xyz":
-            add(f"F_{kind}", "surface" if layout.base == "ski" else "axis", -1, at, "N", kind)
-        elif kind == "phi0":
-            add("M_phi0", "axis", -1, 2, "N m", kind)
-        elif kind == "xi":
-            segment = segment_of(layout, coordinate)
-            if segment.motion == "free":
-                add(f"F{i + 1}_{coordinate.segment}", "axis", i, segment.v, "N", coordinate.name)
-        else:
-            add(f"M_{kind}{i + 1}", kind, i, -1, "N m", coordinate.name)
-    for i, link in enumerate(layout.links):
-        if link.parent >= 0 or layout.base != "free":
-            add(f"T_{link.name}", "hinge", i, link.v, "N m", "")
-    return found
-
-
-def find_channel(layout: Layout, name: str, key: str) -> Channel:
-    """Return a channel by name; SceneError with the nearest valid ones, or why this force cannot exist."""
-    known = channels(layout)
-    if name in known:
-        return known[name]
-    why = ""
-    if layout.plane and name.startswith("M_phi"):
-        why = "with plane = true the links have no azimuth of their own; "
-    for coordinate in layout.coordinates:
-        if coordinate.kind == "xi" and name == f"F{coordinate.link + 1}_{coordinate.segment}":
-            why = f"{coordinate.name} is prescribed: its force is a result, read it in `controls`; "
-    raise SceneError(f"{key}: unknown force {name!r}; {why}{nearest(name, known)}")
-
-
-def column(channel: Channel, frames: LinkFrames, reference: Sequence[float], out: Array) -> Array:
+def column(channel: GeneralizedForce, frames: LinkFrames, reference: Sequence[float], out: Array) -> Array:
     """Write into `out` (nv,) the tau of a unit force in a channel; `reference` holds the last accepted coordinates.
 
     Raises SingularError at the pole of M_phi, and for a hinge torque between lined-up links.
@@ -117,7 +63,7 @@ def column(channel: Channel, frames: LinkFrames, reference: Sequence[float], out
     return out
 
 
-def moment(channel: Channel, phi: float, psi: float) -> Vector:
+def moment(channel: GeneralizedForce, phi: float, psi: float) -> Vector:
     """Torque N_i of a unit M_phi or M_psi: u_psi / cos psi, or -u_phi. Raises SingularError at the pole of M_phi."""
     sin_phi, cos_phi = math.sin(phi), math.cos(phi)
     if channel.kind == "psi":
@@ -137,28 +83,21 @@ class View:
     def __init__(self, mechanism: Mechanism, t: float, q: Array, v: Array, reference: Array | None) -> None:
         self.mechanism, self.t, self.q, self.v = mechanism, t, q, v
         layout = mechanism.layout
-        values, rates = read_coordinates(layout, q, v, reference)
+        self.coordinates, self.rates = read_coordinates(layout, q, v, reference)
         self.values: dict[str, float] = {"t": t, **mechanism.scene.parameters}
-        for name, value, rate in zip(layout.names, values.tolist(), rates.tolist(), strict=True):
+        for name, value, rate in zip(layout.names, self.coordinates.tolist(), self.rates.tolist(), strict=True):
             self.values[name], self.values[f"{name}_dot"] = value, rate
-        if layout.base == "ski":
-            self.values["speed"] = float(v[0])
 
     def __getitem__(self, name: str) -> float:
         if name in self.values:
             return self.values[name]
-        link, _, rest = name.partition(".")
-        what, _, axis = rest.partition(".")
-        names = [entry.name for entry in self.mechanism.layout.links]
-        if link in names and rest == "length":
-            return float(np.linalg.norm(self.position(link, "tip") - self.position(link, "hinge")))
-        if link in names and axis in ("x", "y", "z") and what in ("direction", *POINTS):
-            i = names.index(link)
-            directions = kinematics(self.mechanism.layout, self.q, self.v).directions
-            vector = directions[i] if what == "direction" else self.position(link, what)
-            return float(vector["xyz".index(axis)])
-        known = [*self.values, *(f"{link}.{what}" for link in names for what in ("length", "tip.z", "direction.x"))]
-        raise SceneError(f"control: unknown name {name!r}; {nearest(name, known)}")
+        quantity = self.mechanism.names.find(name, "control")
+        return float(self.postures.read(quantity, self.coordinates, self.rates))
+
+    @cached_property
+    def postures(self) -> Postures:
+        """Where every point is, and how it moves."""
+        return self.mechanism.postures((self.q, self.v))
 
     def position(self, link: str, point: str = "tip") -> Array:
         """Position (3,) [m] of a point in the surface frame."""
@@ -171,16 +110,16 @@ class Actuation:
     def __init__(self, mechanism: Mechanism, frames: LinkFrames, control: Control | None, start: View | None) -> None:
         layout, scene = mechanism.layout, mechanism.scene
         self.mechanism, self.frames, self.control = mechanism, frames, control
-        self.channels: list[Channel] = []
+        self.channels: list[GeneralizedForce] = []
         self.laws: list[Law] = []
         for index, force in enumerate(scene.forces):
             if force.on is not None and force.law is not None:
-                self.channels.append(find_channel(layout, force.on, f"forces[{index}].on"))
+                self.channels.append(mechanism.names.force(force.on, f"forces[{index}].on"))
                 self.laws.append(time_law(force.law, scene.parameters, f"forces[{index}].law"))
         self.asked: list[str] = []
         if control is not None and start is not None:
             self.asked = list(_asked(control, start.t, start))
-            self.channels += [find_channel(layout, name, "control") for name in self.asked]
+            self.channels += [mechanism.names.force(name, "control") for name in self.asked]
         self.needed = bool(self.channels) or control is not None
         self.values = np.zeros(len(self.channels))
         self.columns = np.zeros((len(self.channels), layout.nv))

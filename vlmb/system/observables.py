@@ -6,8 +6,9 @@ drift, the second derivative at vdot = 0, so that b'' = L_b vdot + drift. Points
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +17,14 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SingularError
 from vlmb.model.coordinates import POLE, Coordinate, Layout, read_angles, segment_of
-from vlmb.model.mechanism import POINTS, Mechanism
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import AXES, DOT, Names, Quantity
 from vlmb.system.frames import LinkFrames
 
 if TYPE_CHECKING:
     import sympy
 
 Array = NDArray[np.float64]
-AXES = "xyz"
 YAW = 2  # index of the ski's yaw rate in v
 
 
@@ -62,16 +63,25 @@ def _variable(layout: Layout, coordinate: Coordinate, position: int) -> Variable
     return Variable(coordinate.name, coordinate.kind, coordinate.link)
 
 
-def allowed_names(mechanism: Mechanism) -> list[str]:
+def allowed_names(mechanism: Mechanism) -> Collection[str]:
     """Every name an equation of this scene may use."""
-    layout = mechanism.layout
-    names = ["t", *mechanism.scene.parameters, *layout.names, *(f"{name}_dot" for name in layout.names)]
-    if layout.base == "ski":
-        names.append("speed")
-    for link in layout.links:
-        names.append(f"{link.name}.length")
-        names += [f"{link.name}.{what}.{axis}" for what in ("direction", *POINTS) for axis in AXES]
-    return names
+    return _Allowed({"t": None, **dict.fromkeys(mechanism.scene.parameters)}, mechanism.names)
+
+
+class _Allowed(Collection[str]):
+    """The time, the parameters, and the vocabulary of a mechanism."""
+
+    def __init__(self, own: Mapping[str, None], names: Names) -> None:
+        self.own, self.names = own, names
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.own or name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return itertools.chain(self.own, self.names)
+
+    def __len__(self) -> int:
+        return len(self.own) + len(self.names)
 
 
 class Symbols:
@@ -97,21 +107,42 @@ class Symbols:
             return self.time
         if name in self.mechanism.scene.parameters:
             return self.sympy.Float(self.mechanism.scene.parameters[name])
-        if name == "speed":
-            return self.rate["speed"]
-        if name in self.value:
-            return self.value[name]
-        if name.removesuffix("_dot") in self.value:
-            return self.rate[name.removesuffix("_dot")]
-        link, _, rest = name.partition(".")
-        i = [entry.name for entry in self.layout.links].index(link)
-        if rest == "length":
+        quantity = self.mechanism.names.find(name)
+        if quantity.name.removesuffix(DOT) in self.value:
+            plain = quantity.name.removesuffix(DOT)
+            return self.rate[plain] if quantity.rate else self.value[plain]
+        value = self._composed(quantity)
+        return self._rate_of(value) if quantity.rate else value
+
+    def _composed(self, quantity: Quantity) -> Any:
+        """Expression of a length, a direction, a point, or the centre of mass."""
+        i, axis = quantity.link, quantity.axis
+        if quantity.kind == "length":
             return self._distance(i, "tip")
-        what, _, axis = rest.partition(".")
-        component = AXES.index(axis)
-        if what == "direction":
-            return self.direction(i)[component]
-        return self._point(i, what)[component]
+        if quantity.kind == "direction":
+            return self.direction(i)[axis]
+        return self._point(i, quantity.point)[axis] if quantity.kind == "point" else self._centre_of_mass(axis)
+
+    def _rate_of(self, value: Any) -> Any:
+        """Rate of an expression of values: the sum of its slopes times the rates."""
+        names = [name for name, symbol in self.value.items() if symbol in value.free_symbols]
+        return sum((value.diff(self.value[name]) * self.rate[name] for name in names), self.sympy.Integer(0))
+
+    def _centre_of_mass(self, axis: int) -> Any:
+        scene, base = self.mechanism.scene, self.mechanism.scene.base
+        total, moment = base.mass, base.mass * self._base()[axis]
+        if base.mass and self.layout.base == "ski":
+            heading = self.value["phi0"]
+            ahead = [self.sympy.cos(heading), self.sympy.sin(heading), self.sympy.Integer(0)]
+            moment += base.mass * base.com_offset * ahead[axis]
+        for i, link in enumerate(scene.links):
+            hinge, along = self._point(i, "hinge")[axis], self._distance(i, "rod_start") + self.sympy.Float(link.rod.centre)
+            moment += link.rod.mass * (hinge + along * self.direction(i)[axis]) + link.tip_mass * self._point(i, "tip")[axis]
+            total += link.rod.mass + link.tip_mass
+        return moment / total
+
+    def _base(self) -> list[Any]:
+        return [self.value.get(axis, self.sympy.Integer(0)) for axis in AXES]
 
     def direction(self, i: int) -> list[Any]:
         """d_i as expressions; in a plane (cos psi h, sin psi) with the heading h."""
@@ -129,7 +160,7 @@ class Symbols:
         return {"hinge": self.sympy.Integer(0), "rod_start": lower, "rod_end": end, "tip": end + upper}[point]
 
     def _point(self, i: int, point: str) -> list[Any]:
-        base = [self.value.get(axis, self.sympy.Integer(0)) for axis in AXES]
+        base = self._base()
         path = self.layout.path(i)
         ends = [self.layout.links[k].point for k in path[1:]] + [point]
         for k, end in zip(path, ends, strict=True):

@@ -16,10 +16,10 @@ from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, nearest
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import GeneralizedForce
 from vlmb.scene.laws import Law, time_law
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 from vlmb.system.constraints import RowInfo
-from vlmb.system.forces import Channel, channels, find_channel
 from vlmb.system.gains import gain_matrices, stability_report
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class ProgrammeControl:
     """The programme of a scene: its controls, gains and law. The rows are evaluated by the dynamics."""
 
     def __init__(self, mechanism: Mechanism, rows: Sequence[RowInfo], second: Sequence[RowInfo], run: Run) -> None:
-        scene, layout = mechanism.scene, mechanism.layout
+        scene = mechanism.scene
         programme = scene.programme
         assert programme is not None
         self.texts = tuple(row.text for row in rows)
@@ -42,7 +42,7 @@ class ProgrammeControl:
         if len(rows) > len(self.channels):
             raise SceneError(
                 f"programme: {len(rows)} rows need at least as many controls; there are {len(self.channels)} "
-                f"({', '.join(self.names)}); name more of {', '.join(channels(layout))}"
+                f"({', '.join(self.names)}); name more of {', '.join(mechanism.names.forces)}"
             )
         self.scales = control_scales(mechanism, self.channels)
         step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
@@ -182,14 +182,14 @@ def _spread(h: Array, holonomic: NDArray[np.bool_]) -> Array:
     return whole
 
 
-def control_channels(mechanism: Mechanism) -> tuple[Channel, ...]:
+def control_channels(mechanism: Mechanism) -> tuple[GeneralizedForce, ...]:
     """Return the channels a programme's controls act through; SceneError for unknown or repeated names."""
     programme = mechanism.scene.programme
     names = programme.controls if programme else ()
     for name in names:
         if names.count(name) > 1:
             raise SceneError(f"programme.controls: {name!r} is named twice")
-    return tuple(find_channel(mechanism.layout, name, f"programme.controls[{k}]") for k, name in enumerate(names))
+    return tuple(mechanism.names.force(name, f"programme.controls[{k}]") for k, name in enumerate(names))
 
 
 def cross(g: Array) -> Array:
@@ -217,7 +217,7 @@ def total_length(mechanism: Mechanism) -> float:
     return max(lengths)
 
 
-def control_scales(mechanism: Mechanism, given: Sequence[Channel]) -> Array:
+def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> Array:
     """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments)."""
     scene = mechanism.scene
     weights = scene.programme.weights if scene.programme else {}

@@ -45,7 +45,7 @@ def consistent_start(mechanism: Mechanism) -> Start:
     with an error, which then decays. Raises SceneError for unknown names, values on a prescribed segment, lengths outside
     their limits, and constraints that no posture meets.
     """
-    layout, given = mechanism.layout, mechanism.scene.start
+    layout, given = mechanism.layout, given_values(mechanism)
     _refuse_unknown(mechanism)
     coordinates: dict[str, float] = {}
     for coordinate in layout.coordinates:
@@ -73,6 +73,11 @@ def consistent_start(mechanism: Mechanism) -> Start:
     return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs), rank)
 
 
+def given_values(mechanism: Mechanism) -> dict[str, float]:
+    """Values of the scene's `[start]` by coordinate and rate, aliases resolved."""
+    return mechanism.names.canonical(mechanism.scene.start, "start")
+
+
 def _equated_azimuths(sets: list[tuple[Rows, bool]]) -> list[tuple[str, str]]:
     """Pairs of azimuths that ideal rows such as `phi1 = phi0` equate."""
     return [row.azimuths for rows, ideal in sets if ideal for row in rows.info if row.azimuths]
@@ -80,7 +85,7 @@ def _equated_azimuths(sets: list[tuple[Rows, bool]]) -> list[tuple[str, str]]:
 
 def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
     """Give an unset azimuth the value of the one an ideal row equates it with: at the pole the row alone cannot."""
-    given = mechanism.scene.start
+    given = given_values(mechanism)
     for pair in _equated_azimuths(sets):
         for name, other in (pair, pair[::-1]):
             if name not in given and other in given:
@@ -133,7 +138,7 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
         return []
     followed = {at.name for at in prescribed_segments(mechanism)}
     names = [name for name in mechanism.layout.names if name not in followed]
-    unset = [name for name in names if name not in mechanism.scene.start]
+    unset = [name for name in names if name not in given_values(mechanism)]
     before = dict(coordinates)
     _bring_azimuths_near(coordinates, sets)
 
@@ -214,7 +219,7 @@ def _meet_rates(
     """Solve z' = 0, affine in the rates, for those not given; then, for ideal rows, for all."""
     if not sets:
         return []
-    layout, given = mechanism.layout, mechanism.scene.start
+    layout, given = mechanism.layout, given_values(mechanism)
     followed = {f"{at.name}_dot" for at in prescribed_segments(mechanism)}
     names = [name for name in rates if name not in followed and not (layout.base == "ski" and name in ("x_dot", "y_dot"))]
     speed_given = any(name in given for name in ("speed", "x_dot", "y_dot"))
@@ -288,8 +293,7 @@ def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rate
 
 
 def _refuse_unknown(mechanism: Mechanism) -> None:
-    layout, given = mechanism.layout, mechanism.scene.start
-    valid = [*layout.names, *(f"{name}_dot" for name in layout.names), *(("speed",) if layout.base == "ski" else ())]
+    layout, given, valid = mechanism.layout, given_values(mechanism), mechanism.names.known
     followed = {at.name for at in prescribed_segments(mechanism)}
     for name in given:
         if name not in valid:

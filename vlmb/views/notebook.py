@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from vlmb.errors import VlmbError
 from vlmb.model.coordinates import Coordinate
 from vlmb.model.mechanism import Mechanism
-from vlmb.model.symbols import counted, unit
+from vlmb.model.names import counted, quantity_of
 from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.stills import still
@@ -38,7 +38,8 @@ def _of_trajectory(trajectory: Trajectory, height: int) -> str:
     for entry in trajectory.mechanism.layout.coordinates:
         values = trajectory[entry.name]
         numbers = (values[0], values.min(), values.max(), values[-1])
-        rows.append([entry.name, _meaning(trajectory.mechanism, entry), unit(entry), *(f"{number:.4g}" for number in numbers)])
+        what = [entry.name, _meaning(trajectory.mechanism, entry), quantity_of(entry).unit]
+        rows.append([*what, *(f"{number:.4g}" for number in numbers)])
     columns = ("coordinate", "", "unit", "start", "least", "most", "end")
     picture = _picture(made, GHOSTS if trajectory.mechanism.layout.base != "pivot" else 0, height)
     return f"<div>{picture}{_text(trajectory.summary())}{_table(columns, rows)}</div>"
@@ -56,7 +57,7 @@ def _of_mechanism(mechanism: Mechanism, height: int) -> str:
         picture = _picture(of_state(mechanism, start.state), 0, height)
     except VlmbError as error:  # a scene that cannot start has coordinates all the same
         lines.append(f"no start  {error}")
-    rows = [[entry.name, _meaning(mechanism, entry), unit(entry), values[entry.name]] for entry in layout.coordinates]
+    rows = [[entry.name, _meaning(mechanism, entry), quantity_of(entry).unit, values[entry.name]] for entry in layout.coordinates]
     return f"<div>{picture}{_text(chr(10).join(lines))}{_table(('coordinate', '', 'unit', 'start'), rows)}</div>"
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
@@ -150,8 +149,7 @@ def _everything(run: Trajectory) -> Array:
 
 def centre_of_mass(run: Trajectory) -> Array:
     """Centre of mass (N, 3) [m] of the whole mechanism in the surface frame."""
-    model, data = run.mechanism.model, run.mechanism.data
-    return np.array([pin.centerOfMass(model, data, q) for q in run.q])
+    return np.stack([run[f"com.{axis}"] for axis in "xyz"], axis=1)
 
 
 def listed(trajectory: Runs) -> list[Trajectory]:

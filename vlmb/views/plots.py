@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError, nearest
-from vlmb.model.symbols import force_symbol, group_symbol, short, symbol, unit
+from vlmb.model.names import force_symbol, panel_label, quantity_of, short
 from vlmb.views.panels import (
     ZERO,
     Panel,
@@ -48,9 +48,9 @@ def coordinates(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure
     axes = figure.subplots(len(groups), 2, sharex=True, squeeze=False)
     for row, group in zip(axes, groups, strict=True):
         for ax, dot in zip(row, (False, True), strict=True):
-            series = [Series(symbol(c), colour_number(c), reader(c.name + "_dot" * dot)) for c in group]
+            series = [Series(quantity_of(c).symbol, colour_number(c), reader(quantity_of(c, dot).name)) for c in group]
             draw(ax, runs, series, by_run=all(len(entries) == 1 for entries in groups))
-            ax.set_ylabel(f"{group_symbol(group, dot)} [{unit(group[0], dot)}]")
+            ax.set_ylabel(panel_label(quantity_of(c, dot) for c in group))
             calm(ax)
         legend_beside(row[1])
     for ax in axes[-1]:
@@ -163,12 +163,12 @@ def phase(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     figure = new_figure(runs, 1.2 + 4.0 * len(groups), 4.4, "Phase portraits")
     for ax, group in zip(figure.subplots(1, len(groups), squeeze=False)[0], groups, strict=True):
         across = [reader(c.name) for c in group]
-        draw(ax, runs, [Series(symbol(c), c.link, reader(f"{c.name}_dot")) for c in group], across,
+        draw(ax, runs, [Series(quantity_of(c).symbol, c.link, reader(quantity_of(c, True).name)) for c in group], across,
              by_run=all(len(entries) == 1 for entries in groups))  # fmt: skip
         for line in list(ax.lines):
             ax.plot(*(data[:1] for data in line.get_data()), "o", color=line.get_color(), markersize=4, label="_")
-        ax.set_xlabel(f"{group_symbol(group, False)} [{unit(group[0])}]")
-        ax.set_ylabel(f"{group_symbol(group, True)} [{unit(group[0], True)}]")
+        ax.set_xlabel(panel_label(quantity_of(c) for c in group))
+        ax.set_ylabel(panel_label(quantity_of(c, True) for c in group))
         calm(ax, also_x=True)
         ax.locator_params(axis="x", nbins=6)
         legend_beside(ax, above=True)

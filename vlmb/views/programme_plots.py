@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.model.symbols import force_symbol, plain, short
+from vlmb.model.names import force_symbol, plain, short
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.biomechanics import STRENGTHS, both_legs, joint_moments
 from vlmb.views.panels import ZERO, Panel, power_reader, stacked, work_reader

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
-from vlmb.model.symbols import plain
+from vlmb.model.names import plain
 from vlmb.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:

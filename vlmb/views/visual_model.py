@@ -14,12 +14,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import LinkIndex, SegmentIndex, kinematics
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.reading import Postures, postures
 from vlmb.scene.tables import Base, Link
 from vlmb.simulation.trajectory import Trajectory
-from vlmb.views import appearance as looks
-from vlmb.views import shapes
+from vlmb.views import appearance, shapes
 from vlmb.views.appearance import Look, look_of
 from vlmb.views.reference_path import course
 from vlmb.views.sampling import at_times, smooth
@@ -135,37 +134,30 @@ def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array 
 
 def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array | None, programme: Any) -> Scenery:
     layout, scene = mechanism.layout, mechanism.scene
-    rotations = kinematics(layout, q, np.zeros((len(q), layout.nv))).rotations
+    seen = postures(scene, layout, q)
     size = _size(mechanism)
     bodies: list[Body] = []
-    base = np.zeros((len(q), 3))
+    base = seen.base[0]
     if layout.base == "ski":
-        base[:, :2] = q[:, :2]
         heading = _about_z(q[:, 2], q[:, 3])
         bodies += _ski(mechanism, base, heading)
         bodies += _ways(base, size, programme)
-    elif layout.base == "free":
-        base[:, [0, 2] if layout.plane else [0, 1, 2]] = q[:, : layout.base_size]
-        if scene.base.mass:
-            bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), looks.MASS, base))
-    hinges: dict[int, Array] = {}
+    elif layout.base == "free" and scene.base.mass:
+        bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), appearance.MASS, base))
     parents = {link.parent for link in layout.links if link.point == "tip"}
-    tips: list[Array] = []
-    for i in layout.order:
-        index, link = layout.links[i], scene.links[i]
-        hinges[i] = base if index.parent < 0 else _point(layout.links[index.parent], q, hinges[index.parent],
-                                                         rotations[:, index.parent, :, 0], index.point)  # fmt: skip
-        bodies += _link(link, index, q, hinges[i], rotations[:, i], size, i, i in parents)
-        tips.append(_point(index, q, hinges[i], rotations[:, i, :, 0], "tip"))
-    everything = np.stack([base, *hinges.values(), *tips], axis=1)
+    hinges = [seen.position(i, "hinge") for i in layout.order]
+    tips = [seen.position(i, "tip") for i in layout.order]
+    for i, hinge in zip(layout.order, hinges, strict=True):
+        bodies += _link(scene.links[i], i, seen, hinge, size, i in parents)
+    everything = np.stack([base, *hinges, *tips], axis=1)
     ground = _ground(everything, size, layout.base)
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
         cone = shapes.cone(0.09 * size, 0.05 * size)
-        bodies.insert(0, Body("stand", cone if below else shapes.turned_over(cone), looks.STAND))
+        bodies.insert(0, Body("stand", cone if below else shapes.turned_over(cone), appearance.STAND))
     if layout.base != "ski" and tips and len(t) > 1:
         trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
-        bodies.append(Body("trail", trail, looks.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
+        bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
     if arrows:
         bodies += _arrows(mechanism, q, size, edge)
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
@@ -178,28 +170,29 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), max(radius, 0.6 * size))
 
 
-def _link(
-    link: Link, index: LinkIndex, q: Array, hinge: Array, rotation: Array, size: float, number: int, carries: bool
-) -> list[Body]:
+def _link(link: Link, number: int, seen: Postures, hinge: Array, size: float, carries: bool) -> list[Body]:
     """Lower segment, rod, upper segment, hinge and point mass of a link."""
     look = look_of(link.name, number)
-    length = index.rod_length
+    length = link.rod.length
     volume = max(link.rod.mass, 1e-9) / DENSITY
     low, high = 0.012 * size, max(0.75 * length, 0.012 * size)
     radius = look.thickness * float(np.clip(math.sqrt(volume / (math.pi * max(length, 1e-9))), low, high))
     thin = max(0.35 * radius, 0.008 * size)
     path = f"links/{link.name}"
-    lower, upper = _length(index.lower, q), _length(index.upper, q)
-    bodies = [Body(path, shapes.ball(1.15 * thin), look.colour if look.of_body else looks.HINGE, hinge, rotation)]
+    lower = seen.distance(number, "rod_start")
+    upper = seen.distance(number, "tip") - seen.distance(number, "rod_end")
+    colour, rotation = look.colour if look.of_body else appearance.HINGE, seen.motion.rotations[:, number]
+    bodies = [Body(path, shapes.ball(1.15 * thin), colour, hinge, rotation)]
     if np.any(lower != 0.0):
-        bodies.append(Body(f"{path}/lower", shapes.tube(thin), looks.TELESCOPE, scale=_along(lower, 1.0)))
+        bodies.append(Body(f"{path}/lower", shapes.tube(thin), appearance.TELESCOPE, scale=_along(lower, 1.0)))
     bodies.append(Body(f"{path}/rod", _solid(link, radius, look), look.colour, position=_along(lower, 0.0)))
     if np.any(upper != 0.0):
         at = np.array([length, 0.0, 0.0])
-        bodies.append(Body(f"{path}/rod/upper", shapes.tube(0.8 * thin), looks.TELESCOPE, position=at, scale=_along(upper, 1.0)))
+        tube = shapes.tube(0.8 * thin)
+        bodies.append(Body(f"{path}/rod/upper", tube, appearance.TELESCOPE, position=at, scale=_along(upper, 1.0)))
     if link.tip_mass:
         mass = shapes.ball(_ball_radius(link.tip_mass, size))
-        skin = {looks.SKIN: looks.SKIN, looks.JACKET: looks.SKIN}.get(look.colour, looks.MASS)  # a head
+        skin = {appearance.SKIN: appearance.SKIN, appearance.JACKET: appearance.SKIN}.get(look.colour, appearance.MASS)  # a head
         colour = look.colour if look.of_body and carries else skin
         bodies.append(Body(f"{path}/rod/mass", mass, colour, position=_along(length + upper, 0.0)))
     return bodies
@@ -215,10 +208,10 @@ def _solid(link: Link, radius: float, look: Look) -> Mesh | None:
 def _ski(mechanism: Mechanism, base: Array, heading: Array) -> list[Body]:
     scene = mechanism.scene.base
     length = _ski_length(scene)
-    bodies = [Body("ski", shapes.ski(length), looks.SKI, base, heading)]
+    bodies = [Body("ski", shapes.ski(length), appearance.SKI, base, heading)]
     centre = np.array([scene.com_offset, 0.0, 0.02 * length])
     if not mechanism.scene.links or scene.com_offset:
-        bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), looks.MASS, centre))
+        bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), appearance.MASS, centre))
     return bodies
 
 
@@ -230,10 +223,10 @@ def _ways(base: Array, size: float, programme: Any) -> list[Body]:
     """The track left behind and the way of a programme."""
     bodies = []
     if len(base) > 1:
-        bodies.append(Body("track", shapes.ribbon(base[:, :2], 0.05 * size, 0.004), looks.TRACK, grows=True, shadow=False))
+        bodies.append(Body("track", shapes.ribbon(base[:, :2], 0.05 * size, 0.004), appearance.TRACK, grows=True, shadow=False))
     if programme is not None:
         way = shapes.dashes(np.asarray(programme, float), 0.03 * size, 0.006, 0.3 * size)
-        bodies.append(Body("programme", way, looks.PROGRAMME, shadow=False))
+        bodies.append(Body("programme", way, appearance.PROGRAMME, shadow=False))
     return bodies
 
 
@@ -247,14 +240,14 @@ def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None) -> 
         centre = np.array([pin.centerOfMass(model, data, row) for row in q])
         side = np.cross([0.0, 1.0, 0.0], down / np.linalg.norm(down))
         turned = np.column_stack([down / np.linalg.norm(down), [0.0, 1.0, 0.0], -side])
-        bodies.append(Body("gravity", shapes.arrow(0.7 * size), looks.GRAVITY, centre, turned, shadow=False, in_front=True))
+        bodies.append(Body("gravity", shapes.arrow(0.7 * size), appearance.GRAVITY, centre, turned, shadow=False, in_front=True))
     if edge is not None:
         left = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         share = edge / max(weight, 1e-9)
         scale = np.repeat(np.where(np.abs(share) < 1e-4, 1e-4, share)[:, None], 3, axis=1)
         at = np.array([0.0, 0.0, 0.05 * size])
         arrow = shapes.arrow(0.7 * size)
-        bodies.append(Body("ski/edge_force", arrow, looks.EDGE_FORCE, at, left, scale, shadow=False, in_front=True))
+        bodies.append(Body("ski/edge_force", arrow, appearance.EDGE_FORCE, at, left, scale, shadow=False, in_front=True))
     return bodies
 
 
@@ -279,16 +272,6 @@ def _size(mechanism: Mechanism) -> float:
 def _ball_radius(mass: float, size: float) -> float:
     radius = (0.75 * mass / (math.pi * DENSITY)) ** (1 / 3)
     return float(np.clip(radius, 0.02 * size, 0.14 * size)) if size else radius
-
-
-def _length(segment: SegmentIndex, q: Array) -> Array:
-    return q[:, segment.q] if segment.joint else np.full(len(q), segment.length)
-
-
-def _point(link: LinkIndex, q: Array, hinge: Array, direction: Array, point: str) -> Array:
-    lower = _length(link.lower, q)
-    distance = {"rod_start": lower, "rod_end": lower + link.rod_length, "tip": lower + link.rod_length + _length(link.upper, q)}
-    return np.asarray(hinge + distance[point][:, None] * direction)
 
 
 def _along(values: Array, others: float) -> Array:
