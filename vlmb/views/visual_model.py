@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from vlmb.model.coordinates import kinematics
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.tables import Base, Link
@@ -135,9 +136,10 @@ def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array 
 def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array | None, programme: Any) -> Scenery:
     layout, scene = mechanism.layout, mechanism.scene
     seen = postures(scene, layout, q)
+    rotations = kinematics(layout, q, np.zeros((len(q), layout.nv))).rotations
     size = _size(mechanism)
     bodies: list[Body] = []
-    base = seen.base[0]
+    base = seen.place
     if layout.base == "ski":
         heading = _about_z(q[:, 2], q[:, 3])
         bodies += _ski(mechanism, base, heading)
@@ -148,7 +150,7 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     hinges = [seen.position(i, "hinge") for i in layout.order]
     tips = [seen.position(i, "tip") for i in layout.order]
     for i, hinge in zip(layout.order, hinges, strict=True):
-        bodies += _link(scene.links[i], i, seen, hinge, size, i in parents)
+        bodies += _link(scene.links[i], i, seen, hinge, rotations[:, i], size, i in parents)
     everything = np.stack([base, *hinges, *tips], axis=1)
     ground = _ground(everything, size, layout.base)
     if layout.base == "pivot":
@@ -170,7 +172,9 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), max(radius, 0.6 * size))
 
 
-def _link(link: Link, number: int, seen: Postures, hinge: Array, size: float, carries: bool) -> list[Body]:
+def _link(
+    link: Link, number: int, seen: Postures, hinge: Array, rotation: Array, size: float, carries: bool
+) -> list[Body]:
     """Lower segment, rod, upper segment, hinge and point mass of a link."""
     look = look_of(link.name, number)
     length = link.rod.length
@@ -181,7 +185,7 @@ def _link(link: Link, number: int, seen: Postures, hinge: Array, size: float, ca
     path = f"links/{link.name}"
     lower = seen.distance(number, "rod_start")
     upper = seen.distance(number, "tip") - seen.distance(number, "rod_end")
-    colour, rotation = look.colour if look.of_body else appearance.HINGE, seen.motion.rotations[:, number]
+    colour = look.colour if look.of_body else appearance.HINGE
     bodies = [Body(path, shapes.ball(1.15 * thin), colour, hinge, rotation)]
     if np.any(lower != 0.0):
         bodies.append(Body(f"{path}/lower", shapes.tube(thin), appearance.TELESCOPE, scale=_along(lower, 1.0)))
