@@ -1,0 +1,4 @@
+"""x."""
+import numba
+def compiled(function, options):
+    return numba.njit(**options)(function)
