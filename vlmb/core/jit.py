@@ -18,7 +18,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 MODE = os.environ.get("VLMB_JIT", "1")
 COMPILED = MODE != "0"
 # no nnan and no ninf: a state that is not finite must come out as such
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": {"contract", "nsz", "arcp"}}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False, "fastmath": {"contract", "nsz", "arcp"}}
 
 
 @overload
