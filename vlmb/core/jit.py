@@ -17,16 +17,23 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 MODE = os.environ.get("VLMB_JIT", "1")
 COMPILED = MODE != "0"
-# no nnan and no ninf: a state that is not finite must come out as such
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False, "fastmath": {"contract", "nsz", "arcp"}}
+# No nnan and no ninf: a state that is not finite must come out as such. Kernels only borrow their arrays: counting references
+# to them would take several times as long as the mechanics.
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": {"contract", "nsz", "arcp"}, "_nrt": False}
 
 
 @overload
 def kernel(function: Function) -> Function: ...
 @overload
-def kernel(*, inline: bool) -> Callable[[Function], Function]: ...
-def kernel(function: Function | None = None, *, inline: bool = False) -> Function | Callable[[Function], Function]:
-    """Compile a function on its first call, once on this machine; `inline` makes it a part of every caller instead."""
+def kernel(*, inline: bool = False, allocates: bool = False) -> Callable[[Function], Function]: ...
+def kernel(
+    function: Function | None = None, *, inline: bool = False, allocates: bool = False
+) -> Function | Callable[[Function], Function]:
+    """Compile a function on its first call, once on this machine.
+
+    `inline` makes it a part of every caller instead: for small functions. `allocates` lets it make arrays.
+    """
+    options = OPTIONS | {"_nrt": allocates, "boundscheck": MODE == "bounds"}
 
     def decorate(function: Function) -> Function:
         if not COMPILED:
@@ -34,8 +41,8 @@ def kernel(function: Function | None = None, *, inline: bool = False) -> Functio
         if MODE == "bounds" or inline:
             import numba
 
-            return numba.njit(boundscheck=MODE == "bounds", forceinline=inline, **OPTIONS)(function)  # type: ignore[no-any-return]
-        return cache.compiled(function, OPTIONS)
+            return numba.njit(forceinline=inline, **options)(function)  # type: ignore[no-any-return]
+        return cache.compiled(function, options)
 
     return decorate if function is None else decorate(function)
 
