@@ -11,6 +11,7 @@ Where there is no heading the axes are zero, and so is tau. Accelerations are le
 
 from __future__ import annotations
 
+from vlmb.core import scratch as c
 from vlmb.core.jit import cos, kernel, sin
 from vlmb.core.tree import (
     ANCHOR,
@@ -21,6 +22,7 @@ from vlmb.core.tree import (
     FREE,
     FREE_BASE,
     GRAVITY,
+    LINKS,
     PIVOT,
     POSITIONS,
     SKI,
@@ -45,70 +47,60 @@ from vlmb.core.vectors import (
     vector,
 )
 
-# columns of the ground
-SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE = 0, 6, 9, 12, 13  # S0, f0, S1, S2, f1
-COSINE, SINE, SPIN = 14, 15, 16  # of phi0; phi'^2
-POINT, YAW = 17, 20  # acceleration of the base's point, less gravity's; phi''
-
-
 @kernel(inline=True)
-def face(tree: Tree, y: Array, ground: Array) -> None:
-    """Clear the sums and read the heading."""
-    ground[0, :] = 0.0
+def face(tree: Tree, y: Array, rows: Array) -> None:
+    """Read the heading."""
+    n = tree.shape[LINKS]
     if tree.shape[BASE_KIND] >= SKI:
-        ground[0, COSINE], ground[0, SINE] = cos(y[2]), sin(y[2])
+        rows[n, c.COSINE], rows[n, c.SINE] = cos(y[2]), sin(y[2])
         rate = y[tree.shape[POSITIONS] + (1 if tree.shape[BASE_KIND] == SKI else 2)]
-        ground[0, SPIN] = rate * rate
+        rows[n, c.SPIN] = rate * rate
 
 
 @kernel(inline=True)
-def still(ground: Array) -> None:
-    """Clear the loads and the whirl, and keep what depends on the posture."""
-    ground[0, FORCE : FORCE + 3] = 0.0
-    ground[0, TURN_FORCE] = 0.0
-    ground[0, SPIN] = 0.0
-
-
-@kernel(inline=True)
-def heading(ground: Array) -> tuple[Vector, Vector]:
+def heading(tree: Tree, rows: Array) -> tuple[Vector, Vector]:
     """Find the horizontal axes of the ski, forward and left."""
-    cosine, sine = ground[0, COSINE], ground[0, SINE]
+    n = tree.shape[LINKS]
+    cosine, sine = rows[n, c.COSINE], rows[n, c.SINE]
     return Vector(cosine, sine, 0.0 * sine), Vector(-sine, cosine, 0.0 * sine)
 
 
 @kernel(inline=True)
-def arm(tree: Tree, ground: Array, i: int) -> tuple[Vector, Vector]:
+def arm(tree: Tree, rows: Array, i: int) -> tuple[Vector, Vector]:
     """Find the horizontal place of a root link's hinge, and tau = z x r."""
-    forward, left = heading(ground)
+    forward, left = heading(tree, rows)
     ahead, aside = tree.real[i, ANCHOR], tree.real[i, ANCHOR + 1]
     return add_scaled(scale(ahead, forward), aside, left), add_scaled(scale(ahead, left), -aside, forward)
 
 
 @kernel(inline=True)
-def hang_inertia(tree: Tree, ground: Array, i: int, inertia: Sym3) -> None:
+def hang_inertia(tree: Tree, rows: Array, i: int, inertia: Sym3) -> None:
     """Add the inertia that a root link shows to the base, and what it feels of the whirl of the ski."""
-    place, tau = arm(tree, ground, i)
-    coupled, drawn = times(inertia, tau), scale(-ground[0, SPIN], times(inertia, place))
-    gather_sym3(ground, 0, SUM, 1.0, inertia)
-    gather_vector(ground, 0, TURN_SUM, 1.0, coupled)
-    gather_vector(ground, 0, FORCE, 1.0, drawn)
-    ground[0, TURN_SQUARE] += dot(tau, coupled)
-    ground[0, TURN_FORCE] += dot(tau, drawn)
+    n = tree.shape[LINKS]
+    place, tau = arm(tree, rows, i)
+    coupled, drawn = times(inertia, tau), scale(-rows[n, c.SPIN], times(inertia, place))
+    gather_sym3(rows, n, c.SUM, 1.0, inertia)
+    gather_vector(rows, n, c.TURN_SUM, 1.0, coupled)
+    gather_vector(rows, n, c.FORCE, 1.0, drawn)
+    rows[n, c.TURN_SQUARE] += dot(tau, coupled)
+    rows[n, c.TURN_FORCE] += dot(tau, drawn)
 
 
 @kernel(inline=True)
-def hang_force(tree: Tree, ground: Array, i: int, force: Vector) -> None:
+def hang_force(tree: Tree, rows: Array, i: int, force: Vector) -> None:
     """Add the force of a root link on a hinge at rest."""
-    _, tau = arm(tree, ground, i)
-    gather_vector(ground, 0, FORCE, 1.0, force)
-    ground[0, TURN_FORCE] += dot(tau, force)
+    n = tree.shape[LINKS]
+    _, tau = arm(tree, rows, i)
+    gather_vector(rows, n, c.FORCE, 1.0, force)
+    rows[n, c.TURN_FORCE] += dot(tau, force)
 
 
 @kernel(inline=True)
-def hinge_of_root(tree: Tree, ground: Array, i: int) -> Vector:
+def hinge_of_root(tree: Tree, rows: Array, i: int) -> Vector:
     """Find the acceleration of a root link's hinge, less gravity's."""
-    place, tau = arm(tree, ground, i)
-    return add_scaled(add_scaled(row_vector(ground, 0, POINT), ground[0, YAW], tau), -ground[0, SPIN], place)
+    n = tree.shape[LINKS]
+    place, tau = arm(tree, rows, i)
+    return add_scaled(add_scaled(row_vector(rows, n, c.POINT), rows[n, c.YAW], tau), -rows[n, c.SPIN], place)
 
 
 @kernel(inline=True)
@@ -128,12 +120,12 @@ def solve3(m: Sym3, f: Vector) -> tuple[bool, Vector]:
 
 
 @kernel(inline=True)
-def base_bias(tree: Tree, y: Array, ground: Array) -> Vector:
+def base_bias(tree: Tree, y: Array, rows: Array) -> Vector:
     """Find the acceleration of the base's point, less gravity's, when its velocities stay what they are."""
     point = scale(-1.0, vector(tree.base, GRAVITY))
     kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
     if kind >= SKI:
-        forward, left = heading(ground)
+        forward, left = heading(tree, rows)
         if kind == SKI:
             return add_scaled(point, y[first] * y[first + 1], left)
         point = add_scaled(point, y[first] * y[first + 2], left)
@@ -142,36 +134,45 @@ def base_bias(tree: Tree, y: Array, ground: Array) -> Vector:
 
 
 @kernel(inline=True)
-def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, ground: Array) -> int:
+def no_bias(tree: Tree) -> Vector:
+    """Make the bias of a base at rest without gravity."""
+    zero = 0.0 * tree.base[BASE_MASS]
+    return Vector(zero, zero, zero)
+
+
+@kernel(inline=True)
+def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array) -> int:
     """Write the base's accelerations to `out` from `at` on, `bias` being its point's without them; returns a fault."""
+    n = tree.shape[LINKS]
     kind = tree.shape[BASE_KIND]
     if kind >= SKI:
-        return move_ski(tree, bias, force, out, at, ground)
+        return move_ski(tree, bias, force, out, at, rows)
     if kind == PIVOT:
-        put_row(ground, 0, POINT, bias)
+        put_row(rows, n, c.POINT, bias)
         return 0
-    mass, sums, loads = tree.base[BASE_MASS], row_sym3(ground, 0, SUM), row_vector(ground, 0, FORCE)
+    mass, sums, loads = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(rows, n, c.FORCE)
     whole = Sym3(sums.xx + mass, sums.xy, sums.xz, sums.yy + mass, sums.yz, sums.zz + mass)
     sound, point = solve3(whole, add_scaled(vector(force, 0), -1.0, loads))
-    put_row(ground, 0, POINT, point)
+    put_row(rows, n, c.POINT, point)
     put(out, at, add_scaled(point, -1.0, bias))
     return 0 if sound else FREE_BASE
 
 
 @kernel(inline=True)
-def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, ground: Array) -> int:
+def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array) -> int:
     """Solve for speed', [sideways'] and phi'' of a ski; a reduced knife edge crosses the second row and column out."""
+    n = tree.shape[LINKS]
     reduced = tree.shape[BASE_KIND] == SKI
-    mass, offset, inertia, spin = tree.base[BASE_MASS], tree.base[COM_OFFSET], tree.base[BASE_INERTIA], ground[0, SPIN]
-    forward, left = heading(ground)
-    sums, loads, coupled = row_sym3(ground, 0, SUM), row_vector(ground, 0, FORCE), row_vector(ground, 0, TURN_SUM)
+    mass, offset, inertia, spin = tree.base[BASE_MASS], tree.base[COM_OFFSET], tree.base[BASE_INERTIA], rows[n, c.SPIN]
+    forward, left = heading(tree, rows)
+    sums, loads, coupled = row_sym3(rows, n, c.SUM), row_vector(rows, n, c.FORCE), row_vector(rows, n, c.TURN_SUM)
     sum_forward, sum_left, lever = times(sums, forward), times(sums, left), mass * offset
     # forces and yaw moment felt at the bias
     felt = add_scaled(add(times(sums, bias), loads), mass, bias)
-    yaw = dot(coupled, bias) + lever * dot(left, bias) + ground[0, TURN_FORCE]
+    yaw = dot(coupled, bias) + lever * dot(left, bias) + rows[n, c.TURN_FORCE]
     matrix = Sym3(
         mass + dot(forward, sum_forward), dot(forward, sum_left), dot(forward, coupled),
-        mass + dot(left, sum_left), lever + dot(left, coupled), inertia + lever * offset + ground[0, TURN_SQUARE],
+        mass + dot(left, sum_left), lever + dot(left, coupled), inertia + lever * offset + rows[n, c.TURN_SQUARE],
     )  # fmt: skip
     along = force[0] + lever * spin - dot(forward, felt)
     if reduced:
@@ -182,19 +183,20 @@ def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, ground
     else:
         sound, found = solve3(matrix, Vector(along, force[1] - dot(left, felt), force[2] - yaw))
         put(out, at, found)
-    put_row(ground, 0, POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
-    ground[0, YAW] = found.z
+    put_row(rows, n, c.POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
+    rows[n, c.YAW] = found.z
     return 0 if sound else FREE_BASE
 
 
 @kernel(inline=True)
-def drive_base(tree: Tree, y: Array, ground: Array, dy: Array) -> None:
+def drive_base(tree: Tree, y: Array, dy: Array, rows: Array) -> None:
     """Write the rates of the base's positions."""
+    n = tree.shape[LINKS]
     kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
     if kind == FREE:
         put(dy, 0, vector(y, first))
     elif kind != PIVOT:
-        cosine, sine, speed = ground[0, COSINE], ground[0, SINE], y[first]
+        cosine, sine, speed = rows[n, c.COSINE], rows[n, c.SINE], y[first]
         dy[0], dy[1], dy[2] = speed * cosine, speed * sine, y[first + 1]
         if kind != SKI:
             dy[0] -= y[first + 1] * sine

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vlmb.core.jit import cos, kernel, sin, sqrt
-from vlmb.core.links import length_below
+from vlmb.core.jit import cos, kernel, sin
+from vlmb.core.segments import heading_of, length_below, place_on_parent
 from vlmb.core.tree import (
     ANCHOR,
     AT_P,
@@ -25,7 +25,6 @@ from vlmb.core.tree import (
     LOWER,
     LOWER_FREE,
     MASS,
-    ON_ROD,
     PARENT,
     PIVOT,
     PLACE,
@@ -47,10 +46,9 @@ HINGE, HINGE_RATE, TIP_PLACE, TIP_RATE = 0, 3, 6, 9  # columns of places, three 
 
 @kernel(inline=True)
 def moving_direction(tree: Tree, y: Array, i: int) -> tuple[Vector, Vector]:
-    """Read the unit direction of a link and its rate, d / |d| and what of u is across it."""
-    raw, rate = vector(y, tree.link[i, AT_P]), vector(y, tree.shape[POSITIONS] + tree.link[i, AT_V])
-    d = scale(1.0 / sqrt(dot(raw, raw)), raw)
-    return d, add_scaled(rate, -dot(d, rate), d)
+    """Read the unit direction of a link and what of its rate is across it."""
+    heading = heading_of(tree, y, i)
+    return heading.d, add_scaled(heading.rate, -dot(heading.d, heading.rate), heading.d)
 
 
 @kernel(inline=True)
@@ -91,7 +89,7 @@ def hinge_motion(tree: Tree, y: Array, given: Array, out: Array, i: int) -> tupl
         return carried_by_base(tree, y, tree.real[i, ANCHOR], tree.real[i, ANCHOR + 1], tree.real[i, ANCHOR + 2])
     if tree.link[i, PLACE] != ROD:
         return row_vector(out, parent, TIP_PLACE), row_vector(out, parent, TIP_RATE)
-    (d, u), far = moving_direction(tree, y, parent), length_below(tree, y, given, parent) + tree.real[i, ON_ROD]
+    (d, u), far = moving_direction(tree, y, parent), place_on_parent(tree, y, given, i)
     place, rate = row_vector(out, parent, HINGE), row_vector(out, parent, HINGE_RATE)
     return add_scaled(place, far, d), add_scaled(add_scaled(rate, lower_rate(tree, y, given, parent), d), far, u)
 

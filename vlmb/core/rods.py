@@ -134,8 +134,8 @@ def load_rod(
 def move_rod(
     lower_free: bool, upper_free: bool, body: Body, factors: Factors, rod: RodFactors,
     bias: Bias, tip: TipLoad, loads: RodLoad, hinge: Parts,
-) -> tuple[Move, Pair]:  # fmt: skip
-    """Find how the link moves with its hinge; returns the rod's point at the hinge across as well, y."""
+) -> Move:  # fmt: skip
+    """Find how the link moves with its hinge."""
     origin = add2(hinge.across, bias.across)
     along = hinge.along + bias.along
     if lower_free:
@@ -146,4 +146,4 @@ def move_rod(
     tip_along = along + bias.stretch
     if upper_free:
         tip_along = tip.axial - factors.inverse * dot2(factors.mixed, tip_across)
-    return Move(turn, along, tip_along, tip_across), origin
+    return Move(turn, along, tip_along, tip_across)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,23 +35,3 @@ class Tree(NamedTuple):
     base: Array  # (6,) mass, inertia about the vertical through its centre, centre ahead of A, gravity (3)
     link: Integers  # (n, 8)
     real: Array  # (n, 16)
-
-
-class Scratch(NamedTuple):
-    """What an evaluation leaves behind, a row a link; `accelerate` fills it, `respond` reads the factors."""
-
-    tips: Array  # (n, 9) what hangs at the tip asks for the force A a + f there: A (xx xy xz yy yz zz), f
-    rods: Array  # (n, 24) children on the rod, with r from the hinge: sums of A, r A, r^2 A, f, r f
-    ground: Array  # (1, 24) the same for the base, and how it moves: columns in base.py
-    factors: Array  # (n, 28) columns in plain.py and rods.py
-    loads: Array  # (n, 16) columns in plain.py and rods.py
-    biases: Array  # (n, 10) columns in links.py
-    moves: Array  # (n, 9) accelerations less gravity's: tip, the rod's origin at the hinge; and w - |u|^2 d
-    axial: Array  # (n, 2) forces [N] that given segments take, lower and upper
-
-
-def make_scratch(tree: Tree, dtype: Any = np.float64) -> Scratch:
-    """Make the buffers of one thread."""
-    n = len(tree.link)
-    sizes = [(n, 9), (n, 24), (1, 24), (n, 28), (n, 16), (n, 10), (n, 9), (n, 2)]
-    return Scratch(*(np.zeros(size, dtype) for size in sizes))
