@@ -62,7 +62,7 @@ def square_root(x: Any) -> Any:
 
 def model_of(tree: Tree, y: Any, given: Any) -> Model:
     """Build Jacobians at a state."""
-    kind, positions, velocities, n = tree.shape
+    kind, positions, _, n = tree.shape
     zero = 0 * y[0]
     base_columns = {t.PIVOT: 0, t.FREE: 3, t.SKI: 2, t.SLIDING: 3}[kind]
     width = base_columns + 5 * n
@@ -180,7 +180,7 @@ def mass_matrix(model: Model, zero: Any) -> Any:
 
 
 def accelerations(tree: Tree, y: Any, given: Any, force: Any) -> tuple[Any, Any]:
-    """Second derivatives conjugate to the velocities (velocities,), u' being that of the true direction, and axial forces (n, 2)."""
+    """Rates of the velocities (velocities,), u' being that of the true direction, and axial forces (n, 2) of given segments."""
     model = model_of(tree, y, given)
     zero = 0 * y[0]
     matrix, gravity = mass_matrix(model, zero), tree.base[t.GRAVITY :]

@@ -72,3 +72,20 @@ def make(kind: int, links: Sequence[Link], seed: int = 0, anchors: bool = True, 
 def chain(n: int, kind: int = t.PIVOT, seed: int = 0, **changes: bool) -> Case:
     """Make a chain of links of one kind."""
     return make(kind, [Link(i - 1, **changes) for i in range(n)], seed)
+
+
+def tidy(kind: int, links: Sequence[Link]) -> list[Link]:
+    """Give every motion an inertia: masses where a segment is free, and none of a rod between two free ones left out."""
+    made = []
+    for i, link in enumerate(links):
+        rod_mass = link.rod_mass or (link.lower_free and link.upper_free)
+        made.append(link._replace(
+            parent=min(link.parent, i - 1), rod_mass=rod_mass, tip_mass=link.tip_mass or link.upper_free or not rod_mass
+        ))  # fmt: skip
+    return made
+
+
+def case_of(text: list[object]) -> Case:
+    """Make a case again from what `request` kept of it."""
+    kind, links, seed = text
+    return make(kind, [Link(*link) for link in links], seed)  # type: ignore[arg-type, attr-defined]

@@ -1,7 +1,7 @@
 r"""The base: a fixed point, a free point mass, or a ski that carries the hinges of root links at anchors r in its frame.
 
-The ski has the mass m, its centre at c ahead of the point A, the inertia I about its centre, a forward, a left axis and turns with
-phi'. A hinge at r moves with a_A + phi'' tau - phi'^2 r (horizontal part), tau = z x r, so that root links ask in sum for
+The ski has the mass m, its centre at c ahead of the point A, the inertia I about its centre, axes forward and left, and turns
+with phi'. A hinge at r moves with a_A + phi'' tau - phi'^2 r (horizontal part), tau = z x r, so that root links ask in sum for
 
     force      S0 a_A + S1 phi'' + f0,    S0 = sum A,        S1 = sum A tau,         f0 = sum (f - phi'^2 A r)
     yaw        S1 . a_A + S2 phi'' + f1,                     S2 = sum tau . A tau,   f1 = sum tau . (f - phi'^2 A r)
@@ -46,6 +46,7 @@ from vlmb.core.vectors import (
     times,
     vector,
 )
+
 
 @kernel(inline=True)
 def face(tree: Tree, y: Array, rows: Array) -> None:

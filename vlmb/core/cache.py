@@ -17,7 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -29,13 +29,13 @@ ANNOUNCEMENT = "vlmb: compiling the engine, once on this machine, about 30 s"
 
 def fingerprint() -> str:
     """Hash all sources of the core, versions and the processor."""
-    import llvmlite
     import numba
     import numpy as np
-    from llvmlite import binding
+    from llvmlite import binding  # type: ignore[import-untyped]
 
-    versions = (numba.__version__, llvmlite.__version__, np.__version__, sys.version, platform.machine(), binding.get_host_cpu_name())
-    digest = hashlib.sha256(repr(versions).encode())
+    versions = (numba.__version__, binding.llvm_version_info, np.__version__, sys.version)
+    machine = (platform.machine(), binding.get_host_cpu_name())
+    digest = hashlib.sha256(repr((versions, machine)).encode())
     for source in sorted(SOURCES.rglob("*.py")):
         digest.update(source.relative_to(SOURCES).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()[:20]
@@ -131,15 +131,15 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
     """Compile a function on its first call, or load what this machine has compiled before."""
     import numba
 
-    place = folder()
+    place, settings = folder(), cast(Any, numba.config)
     if place is None:
-        return numba.njit(**options)(function)  # type: ignore[no-any-return]
-    before = numba.config.CACHE_DIR
+        return cast(Function, numba.njit(**options)(function))
+    before = settings.CACHE_DIR
     try:  # numba reads this when it decorates; other functions of the process keep their own place
-        numba.config.CACHE_DIR = str(place)
+        settings.CACHE_DIR = str(place)
         dispatcher = numba.njit(cache=True, **options)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        settings.CACHE_DIR = before
     compile_alone = dispatcher.compile
 
     def compile_once(signature: Any) -> Any:
@@ -147,4 +147,4 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
             return compile_alone(signature)
 
     dispatcher.compile = compile_once
-    return dispatcher  # type: ignore[no-any-return]
+    return cast(Function, dispatcher)

@@ -1,4 +1,4 @@
-"""From the tips to the base: every link takes what hangs on it into its own axes, adds itself and hands on what its hinge feels."""
+"""From the tips to the base: every link takes what hangs on it, adds itself in its own axes and hands on what its hinge feels."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar, cast, overload
 
 from vlmb.core import cache
 
@@ -41,7 +41,7 @@ def kernel(
         if MODE == "bounds" or inline:
             import numba
 
-            return numba.njit(forceinline=inline, **options)(function)  # type: ignore[no-any-return]
+            return cast(Function, numba.njit(forceinline=inline, **options)(function))
         return cache.compiled(function, options)
 
     return decorate if function is None else decorate(function)

@@ -1,10 +1,12 @@
 r"""Accelerations of a tree of links: forces inwards from the tips to the base, accelerations back outwards.
 
-What hangs on a hinge asks for the force A a + f there when the hinge accelerates with a (less gravity's). A link takes what its tip
-and its rod carry into its own axes, adds itself (plain.py, rods.py) and hands A and f to its parent or to the base (inwards.py,
-base.py). Once the base's acceleration is known, the links find theirs (outwards.py). The cost is linear in the number of links.
+What hangs on a hinge asks for the force A a + f there when the hinge accelerates with a (less gravity's). A link takes what its
+tip and its rod carry into its own axes, adds itself (plain.py, rods.py) and hands A and f to its parent or to the base
+(inwards.py, base.py). Once the base's acceleration is known, the links find theirs (outwards.py). The cost is linear in the
+number of links.
 
-A direction d need not have length 1 nor its rate u be across it: the motion is evaluated with d^ = d / |d|, u^ = u - (u . d^) d^, and
+A direction d need not have length 1 nor its rate u be across it: the motion is evaluated with d^ = d / |d| and
+u^ = u - (u . d^) d^, and given the rates
 
     d' = |d| u^,   u' = w - |u^|^2 d^ + (u . d^) u^
 
@@ -48,7 +50,7 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
 def respond(tree: Tree, y: Array, force: Array, out: Array, scratch: Scratch) -> int:
     """Write what generalized forces alone add to the accelerations, M^-1 Q, where `accelerate` was last; returns a code.
 
-    force, out (velocities,); given segments do not accelerate. Overwrites the loads in `scratch` and keeps factors and axial forces.
+    force, out (velocities,); given segments do not accelerate. Overwrites the loads in `scratch`, keeps factors and axial forces.
     """
     n, rows = tree.shape[LINKS], scratch.rows
     clear_forces(tree, rows)

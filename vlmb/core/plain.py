@@ -1,17 +1,17 @@
 r"""One link on whose rod nothing hangs, in closed form and in its own axes.
 
-The rod (mass m, transverse inertia J, centre at c from the hinge, e below the tip, tip at R = c + e) is between two segments without
-mass. What hangs at the tip asks for the force [alpha, beta'; beta, B] (x, y) + (f_d, f) when the tip moves with x along the link and
-y across it. With the hinge's acceleration h, w the transverse angular acceleration, g the turning force, Coriolis parts k of the
-centre and v of the tip:
+The rod (mass m, transverse inertia J, centre at c from the hinge, e below the tip, tip at R = c + e) is between two segments
+without mass. What hangs at the tip asks for the force [alpha, beta'; beta, B] (x, y) + (f_d, f) when the tip accelerates with x
+along the link and y across it. With the hinge's acceleration h across, w the transverse angular acceleration, g the turning
+force, Coriolis parts k of the centre and v of the tip:
 
     tip across       y = h + v + R w,        force across on the rod  T y + t
     turning          J w + m c (h + k + c w) + R (T y + t) = g
     hence            D w = g - m c (h + k) - R (T (h + v) + t),         D = (J + m c^2) 1 + R^2 T
                      D y = K h + (J + m c^2) v + R (g - m c k - R t),   K = J - m c e
 
-How T and t come about depends on the segments. A free upper one hands on its force, so that the tip follows along the link; a free
-lower one below a given upper one leaves rod and tip to move along together:
+How T and t come about depends on the segments. A free upper one hands on its force, so that the tip follows along the link; a
+free lower one below a given upper one leaves rod and tip to move along together:
 
     T = B - beta beta' / W,   t = f + beta X,   x = X - beta' y / W
     upper free             W = alpha,       X = (push - f_d) / W
@@ -128,13 +128,13 @@ def seen_across(lower_free: bool, upper_free: bool, mass: float, tip: Blocks) ->
 def factor(lower_free: bool, upper_free: bool, body: Body, tip: Blocks) -> tuple[int, Factors, Blocks]:
     """Factor a link; returns a fault, the factors and the inertia [kg] that the hinge feels."""
     fault, seen, inverse = seen_across(lower_free, upper_free, body.mass, tip)
-    if lower_free and upper_free and not body.mass > 0.0:
+    if fault == 0 and lower_free and upper_free and not body.mass > 0.0:
         fault = FREE_ROD
     square = body.reach * body.reach
     own = body.hinge_inertia + square * (seen.one + seen.two)
     beyond = square * determinant2(seen)
     det = body.hinge_inertia * own + square * beyond
-    if not det > TINY * own * own:
+    if fault == 0 and not det > TINY * own * own:
         fault = TURNING
     k = 1.0 / det
     yielding = add_unit2(k * square, adjugate2(seen), k * body.hinge_inertia)

@@ -1,7 +1,7 @@
 r"""One link with children on its rod, in its own axes.
 
-The rod moves as the point of it at the hinge and a turn: p = (s, y) = h + a'' d + 2 a' u and q = (-|u|^2, w). A point of the rod at
-the distance r from the hinge has the acceleration p + r q, so that children on it ask in sum for
+The rod moves as the point of it at the hinge and a turn: p = (s, y) = h + a'' d + 2 a' u and q = (-|u|^2, w). A point of the rod
+at the distance r from the hinge has the acceleration p + r q, so that children on it ask in sum for
 
     force   S0 p + S1 q + f0,   moment   S1 p + S2 q + f1,      Sk = sum r^k A,  fk = sum r^k f
 
@@ -81,7 +81,7 @@ def factor_rod(
         turn_along = add_scaled2(turn_along, body.reach, tip.mixed)
         axial, mixed = axial + tip.along, add2(mixed, tip.mixed)
     det, trace = determinant2(turning), turning.one + turning.two
-    if not det > TINY * trace * trace:
+    if fault == 0 and not det > TINY * trace * trace:
         fault = TURNING
     yielding = add_unit2(1.0 / det, adjugate2(turning), 0.0)
     weight = axial
@@ -92,7 +92,7 @@ def factor_rod(
     rod = RodFactors(turn_along, turn_across, axial, mixed)
     if not lower_free:
         return fault, factors, rod, Blocks(axial, mixed, cross)
-    if not axial > TINY * weight:
+    if fault == 0 and not axial > TINY * weight:
         fault = FREE_TIP
     zero = 0.0 * axial
     return fault, factors, rod, Blocks(zero, Pair(zero, zero), less_square2(cross, 1.0 / axial, mixed))
@@ -110,7 +110,7 @@ def load_rod(
     lower_free: bool, upper_free: bool, body: Body, factors: Factors, rod: RodFactors,
     applied: Applied, bias: Bias, tip: Parts, force: Parts, moment: Pair,
 ) -> tuple[Parts, TipLoad, RodLoad]:  # fmt: skip
-    """Find the force [N] that the hinge feels at p = 0; `force`, `moment` are f0, f1 of the children and the load of the whirl."""
+    """Find the force [N] that the hinge feels at p = 0; `force` and `moment` are f0 and f1 with the load of the whirl."""
     if upper_free:
         axial = (applied.push - tip.along) * factors.inverse
         held = add_scaled2(tip.across, axial, factors.mixed)

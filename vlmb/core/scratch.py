@@ -12,7 +12,7 @@ from vlmb.core.rods import RodFactors, RodLoad
 from vlmb.core.tree import INERTIA, LINKS, MASS, ROD_CHILDREN, TIP_MASS, Array, Tree
 from vlmb.core.vectors import Vector, put_pair, put_sym2, row_pair, row_sym2, row_vector
 
-# What hangs on the link: A (xx xy xz yy yz zz) and f of the force A a + f asked for at the tip; on the rod the same times the powers
+# What hangs on the link: A (xx xy xz yy yz zz) and f of the force A a + f asked for at the tip; on the rod the same times powers
 # of the distance r from the hinge: sums of A, r A, r^2 A, f, r f. In the axes of the surface.
 TIP_INERTIA, TIP_FORCE = 0, 6
 ROD_SUMS, ROD_FORCE, ROD_MOMENT = 9, 27, 30  # the sums of A, r A, r^2 A follow one another
@@ -29,8 +29,8 @@ TIP_MOVE, ROD_MOVE, TURN_MOVE = 78, 81, 84
 AXIAL = 87  # forces [N] that given segments take, lower and upper
 WIDTH = 96  # a multiple of a line of the processor's cache
 
-# The base has the last row. What hangs on it (see base.py): S0, f0, S1, S2, f1; cos and sin of phi0, phi'^2; the acceleration of its
-# point, less gravity's, and phi''.
+# The base has the last row. What hangs on it (see base.py): S0, f0, S1, S2, f1; cos and sin of phi0, phi'^2; the acceleration of
+# its point, less gravity's, and phi''.
 SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE, COSINE, SINE, SPIN, POINT, YAW = 0, 6, 9, 12, 13, 14, 15, 16, 17, 20
 
 
