@@ -29,8 +29,9 @@ NAMES = ("pivot", "free", "ski", "sliding")
 BRANCHED = trees.tidy(
     t.FREE,
     [
-        Link(-1), Link(0, True, True, False), Link(0, False, False, True, rod_mass=False), Link(1, True, False, False, tip_mass=False),
-        Link(1, False, True, True), Link(-1, False, True, False, rod_mass=False), Link(3, True, False, True),
+        Link(-1), Link(0, True, True, False), Link(0, False, False, True, rod_mass=False),
+        Link(1, True, False, False, tip_mass=False), Link(1, False, True, True), Link(-1, False, True, False, rod_mass=False),
+        Link(3, True, False, True),
     ],
 )  # fmt: skip
 
