@@ -1,0 +1,62 @@
+r"""Accelerations of a tree of links: forces inwards from the tips to the base, accelerations back outwards.
+
+What hangs on a hinge asks for the force A a + f there when the hinge accelerates with a (less gravity's). A link takes what its
+tip and its rod carry into its own axes, adds itself (plain.py, rods.py) and hands A and f to its parent or to the base
+(inwards.py, base.py). Once the base's acceleration is known, the links find theirs (outwards.py). The cost is linear in the
+number of links.
+
+A direction d need not have length 1 nor its rate u be across it: the motion is evaluated with d^ = d / |d| and
+u^ = u - (u . d^) d^, and given the rates
+
+    d' = |d| u^,   u' = w - |u^|^2 d^ + (u . d^) u^
+
+so that d^ and u^ obey the true equations whatever |d| and u . d are, and errors of these two do not grow.
+"""
+
+from __future__ import annotations
+
+from vlmb.core import base
+from vlmb.core.inwards import gather, gather_force
+from vlmb.core.jit import kernel
+from vlmb.core.outwards import spread, spread_force
+from vlmb.core.scratch import Scratch, clear, clear_forces
+from vlmb.core.tree import LINKS, PLACES, POSITIONS, Array, Tree
+
+
+@kernel
+def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scratch: Scratch) -> int:
+    """Write the rates of positions and velocities at (y, given) under generalized forces, springs and weight; returns a code.
+
+    y, dy (at least positions + velocities,); given (n, 6) [m, m/s, m/s^2]; force (velocities,) conjugate to the velocities: on
+    u a vector, whose part along d does nothing. Code 0, or fault * PLACES + link; the link is n for the base.
+    """
+    n, rows = tree.shape[LINKS], scratch.rows
+    clear(tree, rows)
+    base.face(tree, y, rows)
+    for i in range(n - 1, -1, -1):
+        fault = gather(tree, y, given, force, rows, i)
+        if fault != 0:
+            return fault * PLACES + i
+    fault = base.move_base(tree, base.base_bias(tree, y, rows), force, dy, tree.shape[POSITIONS], rows)
+    if fault != 0:
+        return fault * PLACES + n
+    base.drive_base(tree, y, dy, rows)
+    for i in range(n):
+        spread(tree, y, dy, rows, i)
+    return 0
+
+
+@kernel
+def respond(tree: Tree, y: Array, force: Array, out: Array, scratch: Scratch) -> int:
+    """Write what generalized forces alone add to the accelerations, M^-1 Q, where `accelerate` was last; returns a code.
+
+    force, out (velocities,); given segments do not accelerate. Overwrites the loads in `scratch`, keeps factors and axial forces.
+    """
+    n, rows = tree.shape[LINKS], scratch.rows
+    clear_forces(tree, rows)
+    for i in range(n - 1, -1, -1):
+        gather_force(tree, force, rows, i)
+    fault = base.move_base(tree, base.no_bias(tree), force, out, 0, rows)
+    for i in range(n):
+        spread_force(tree, out, rows, i)
+    return fault * PLACES + n if fault != 0 else 0
