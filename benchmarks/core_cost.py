@@ -24,7 +24,7 @@ from vlmb.core import tree as t
 from vlmb.core.links import accelerate, respond
 from vlmb.core.scratch import Scratch, make_scratch
 from vlmb.core.tree import Array, Tree
-from vlmb.mechanism import build, data_bytes
+from vlmb.model.mechanism import build, data_bytes
 
 LINKS = (1, 2, 8, 50, 200, 1000)
 KINDS = {"pivot": t.PIVOT, "ski": t.SKI}

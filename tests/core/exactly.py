@@ -9,11 +9,10 @@ import json
 import sys
 from typing import Any
 
-import dense
 import mpmath
 import numpy as np
-import trees
 
+from tests.core import dense, trees
 from vlmb.core import jit, links
 from vlmb.core.scratch import make_scratch
 from vlmb.core.tree import Tree

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import vlmb
-from vlmb.coordinates import kinematics
 from vlmb.core import tree as t
 from vlmb.core.links import accelerate
 from vlmb.core.scratch import make_scratch
 from vlmb.core.tree import Tree
-from vlmb.dynamics import Dynamics
-from vlmb.springs import rest_length
+from vlmb.model.coordinates import kinematics
+from vlmb.system.dynamics import Dynamics
+from vlmb.system.springs import rest_length
 
 BASES: dict[str, dict[str, Any]] = {
     "pivot": {"kind": "pivot"}, "free": {"kind": "free", "mass": 1.5},

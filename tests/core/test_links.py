@@ -9,15 +9,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import dense
 import numpy as np
 import pytest
-import trees
 from hypothesis import given as drawn
 from hypothesis import settings
 from hypothesis import strategies as st
-from trees import Case, Link
 
+from tests.core import dense, trees
+from tests.core.trees import Case, Link
 from vlmb.core import tree as t
 from vlmb.core.energy import energies, places
 from vlmb.core.links import accelerate, respond
@@ -189,7 +188,7 @@ def judged(requests: list[dict[str, Any]]) -> list[dict[str, float]]:
     """Errors beside 50 digits, found in a process whose kernels are plain Python."""
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [sys.executable, str(Path(__file__).parent / "exactly.py")], input=json.dumps(requests), text=True,
+        [sys.executable, "-m", "tests.core.exactly"], input=json.dumps(requests), text=True,
         capture_output=True, env=os.environ | {"VLMB_JIT": "0", "PYTHONPATH": path},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

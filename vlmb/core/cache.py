@@ -31,7 +31,7 @@ def fingerprint() -> str:
     """Hash all sources of the core, versions and the processor."""
     import numba
     import numpy as np
-    from llvmlite import binding  # type: ignore[import-untyped]
+    from llvmlite import binding
 
     versions = (numba.__version__, binding.llvm_version_info, np.__version__, sys.version)
     machine = (platform.machine(), binding.get_host_cpu_name())
