@@ -82,7 +82,8 @@ def compile_tape(roots: Sequence[Expression | Equation], resolve: Callable[[str]
     slots = [builder.root(root) for root in roots]
     needed = len(builder.code)
     switches = builder.switches()
-    return _arranged(builder, slots, needed, switches, [builder.facts(root, slot) for root, slot in zip(roots, slots, strict=True)])
+    rows = [builder.facts(root, slot) for root, slot in zip(roots, slots, strict=True)]
+    return _arranged(builder, slots, needed, switches, rows)
 
 
 @dataclass(frozen=True)
@@ -354,7 +355,7 @@ def _angles(code: int, parts: Sequence[_Form], of: int, constant: float) -> Mapp
             total[leaf] = total.get(leaf, 0.0) + sign * factor
         return {leaf: factor for leaf, factor in total.items() if factor != 0.0}
     scale = {core.SHIFT: 1.0, core.SCALE: constant}.get(code, 1.0 / constant if constant else 0.0)
-    return {leaf: scale * factor for leaf, factor in known[0].items()}
+    return {leaf: scale * factor for leaf, factor in known[0].items() if scale}
 
 
 def _arranged(
@@ -379,7 +380,8 @@ def _arranged(
         leaf=np.array([leaf[:2] for leaf, _ in builder.leaves], np.int64).reshape(leaves, 2),
         root=np.array([slot[root] for root in roots], np.int64),
         parts=np.array([leaves, *ends, len(order)], np.int64), sweep=sweep, sweep_ends=sweep_ends,
-        switch=np.array([(slot[at], place[k], kind, form[at].of) for at, k, kind in switches], np.int64).reshape(len(switches), 4),
+        used=np.array(sorted({leaf.at for leaf, _ in builder.leaves if leaf.kind in (VALUE, RATE)}), np.int64),
+        switch=np.array([(slot[at], place[k], kind, form[at].of) for at, k, kind in switches], np.int64).reshape(-1, 4),
     )  # fmt: skip
     names = sorted(builder.leaf, key=lambda name: builder.leaf[name])
     return CompiledTape(tape, tuple(names), tuple(rows), tuple(builder.code[k][4] for k in order))

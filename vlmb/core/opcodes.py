@@ -47,6 +47,7 @@ class Tape(NamedTuple):
     parts: Integers  # (5,)
     sweep: Integers  # operations of the roots, one root after the other, each last first
     sweep_ends: Integers  # (roots, 3) in `sweep`: begin, end of those of the state, end
+    used: Integers  # quantities that leaves read
     switch: Integers  # (switches, 4) slot whose sign decides, operation, kind, what it depends on
 
 
