@@ -1,23 +1,71 @@
-"""The one decorator of all kernels: compiled by numba, or plain Python where VLMB_JIT=0."""
+"""The one decorator of all kernels, and the functions of mathematics they call.
+
+`VLMB_JIT=0` in the environment leaves kernels plain Python: they then run on arrays of any numbers (mpmath), under coverage and
+in a debugger. `VLMB_JIT=bounds` compiles with checks of every index.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
+
+from vlmb.core import cache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-COMPILED = os.environ.get("VLMB_JIT", "1") != "0"
-OPTIONS: dict[str, Any] = {
-    "cache": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract", "nsz", "arcp"},
-}  # fmt: skip
+MODE = os.environ.get("VLMB_JIT", "1")
+COMPILED = MODE != "0"
+# No nnan and no ninf: a state that is not finite must come out as such. Kernels only borrow their arrays: counting references
+# to them would take several times as long as the mechanics.
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": {"contract", "nsz", "arcp"}, "_nrt": False}
 
 
-def kernel(function: Function) -> Function:
-    """Compile a function on its first call, for every caller of this machine."""
-    if not COMPILED:
-        return function
-    import numba
+@overload
+def kernel(function: Function) -> Function: ...
+@overload
+def kernel(*, inline: bool = False, allocates: bool = False) -> Callable[[Function], Function]: ...
+def kernel(
+    function: Function | None = None, *, inline: bool = False, allocates: bool = False
+) -> Function | Callable[[Function], Function]:
+    """Compile a function on its first call, once on this machine.
 
-    return numba.njit(**OPTIONS)(function)  # type: ignore[no-any-return]
+    `inline` makes it a part of every caller instead: for small functions. `allocates` lets it make arrays.
+    """
+    options = OPTIONS | {"_nrt": allocates, "boundscheck": MODE == "bounds"}
+
+    def decorate(function: Function) -> Function:
+        if not COMPILED:
+            return function
+        if MODE == "bounds" or inline:
+            import numba
+
+            return numba.njit(forceinline=inline, **options)(function)  # type: ignore[no-any-return]
+        return cache.compiled(function, options)
+
+    return decorate if function is None else decorate(function)
+
+
+def _of_any_number(name: str) -> Callable[..., Any]:
+    """Find a function for Python's floats and for numbers that bring a context of functions (mpmath)."""
+    plain = getattr(math, name)
+
+    def function(*values: Any) -> Any:
+        for value in values:
+            if hasattr(value, "context"):
+                return getattr(value.context, name)(*values)
+        return plain(*values)
+
+    function.__name__ = name
+    function.__doc__ = plain.__doc__
+    return function
+
+
+sqrt: Callable[[float], float]
+sin: Callable[[float], float]
+cos: Callable[[float], float]
+if COMPILED:
+    from math import cos, sin, sqrt
+else:
+    sqrt, sin, cos = (_of_any_number(name) for name in ("sqrt", "sin", "cos"))

@@ -1,0 +1,202 @@
+r"""The base: a fixed point, a free point mass, or a ski that carries the hinges of root links at anchors r in its frame.
+
+The ski has the mass m, its centre at c ahead of the point A, the inertia I about its centre, a forward, a left axis and turns with
+phi'. A hinge at r moves with a_A + phi'' tau - phi'^2 r (horizontal part), tau = z x r, so that root links ask in sum for
+
+    force      S0 a_A + S1 phi'' + f0,    S0 = sum A,        S1 = sum A tau,         f0 = sum (f - phi'^2 A r)
+    yaw        S1 . a_A + S2 phi'' + f1,                     S2 = sum tau . A tau,   f1 = sum tau . (f - phi'^2 A r)
+
+Where there is no heading the axes are zero, and so is tau. Accelerations are less gravity's.
+"""
+
+from __future__ import annotations
+
+from vlmb.core.jit import cos, kernel, sin
+from vlmb.core.tree import (
+    ANCHOR,
+    BASE_INERTIA,
+    BASE_KIND,
+    BASE_MASS,
+    COM_OFFSET,
+    FREE,
+    FREE_BASE,
+    GRAVITY,
+    PIVOT,
+    POSITIONS,
+    SKI,
+    TINY,
+    Array,
+    Tree,
+)
+from vlmb.core.vectors import (
+    Sym3,
+    Vector,
+    add,
+    add_scaled,
+    dot,
+    gather_sym3,
+    gather_vector,
+    put,
+    put_row,
+    row_sym3,
+    row_vector,
+    scale,
+    times,
+    vector,
+)
+
+# columns of the ground
+SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE = 0, 6, 9, 12, 13  # S0, f0, S1, S2, f1
+COSINE, SINE, SPIN = 14, 15, 16  # of phi0; phi'^2
+POINT, YAW = 17, 20  # acceleration of the base's point, less gravity's; phi''
+
+
+@kernel(inline=True)
+def face(tree: Tree, y: Array, ground: Array) -> None:
+    """Clear the sums and read the heading."""
+    ground[0, :] = 0.0
+    if tree.shape[BASE_KIND] >= SKI:
+        ground[0, COSINE], ground[0, SINE] = cos(y[2]), sin(y[2])
+        rate = y[tree.shape[POSITIONS] + (1 if tree.shape[BASE_KIND] == SKI else 2)]
+        ground[0, SPIN] = rate * rate
+
+
+@kernel(inline=True)
+def still(ground: Array) -> None:
+    """Clear the loads and the whirl, and keep what depends on the posture."""
+    ground[0, FORCE : FORCE + 3] = 0.0
+    ground[0, TURN_FORCE] = 0.0
+    ground[0, SPIN] = 0.0
+
+
+@kernel(inline=True)
+def heading(ground: Array) -> tuple[Vector, Vector]:
+    """Find the horizontal axes of the ski, forward and left."""
+    cosine, sine = ground[0, COSINE], ground[0, SINE]
+    return Vector(cosine, sine, 0.0 * sine), Vector(-sine, cosine, 0.0 * sine)
+
+
+@kernel(inline=True)
+def arm(tree: Tree, ground: Array, i: int) -> tuple[Vector, Vector]:
+    """Find the horizontal place of a root link's hinge, and tau = z x r."""
+    forward, left = heading(ground)
+    ahead, aside = tree.real[i, ANCHOR], tree.real[i, ANCHOR + 1]
+    return add_scaled(scale(ahead, forward), aside, left), add_scaled(scale(ahead, left), -aside, forward)
+
+
+@kernel(inline=True)
+def hang_inertia(tree: Tree, ground: Array, i: int, inertia: Sym3) -> None:
+    """Add the inertia that a root link shows to the base, and what it feels of the whirl of the ski."""
+    place, tau = arm(tree, ground, i)
+    coupled, drawn = times(inertia, tau), scale(-ground[0, SPIN], times(inertia, place))
+    gather_sym3(ground, 0, SUM, 1.0, inertia)
+    gather_vector(ground, 0, TURN_SUM, 1.0, coupled)
+    gather_vector(ground, 0, FORCE, 1.0, drawn)
+    ground[0, TURN_SQUARE] += dot(tau, coupled)
+    ground[0, TURN_FORCE] += dot(tau, drawn)
+
+
+@kernel(inline=True)
+def hang_force(tree: Tree, ground: Array, i: int, force: Vector) -> None:
+    """Add the force of a root link on a hinge at rest."""
+    _, tau = arm(tree, ground, i)
+    gather_vector(ground, 0, FORCE, 1.0, force)
+    ground[0, TURN_FORCE] += dot(tau, force)
+
+
+@kernel(inline=True)
+def hinge_of_root(tree: Tree, ground: Array, i: int) -> Vector:
+    """Find the acceleration of a root link's hinge, less gravity's."""
+    place, tau = arm(tree, ground, i)
+    return add_scaled(add_scaled(row_vector(ground, 0, POINT), ground[0, YAW], tau), -ground[0, SPIN], place)
+
+
+@kernel(inline=True)
+def solve3(m: Sym3, f: Vector) -> tuple[bool, Vector]:
+    """Solve M x = f by L D L'; returns whether M is positive definite, and x."""
+    first = 1.0 / m.xx
+    below, last = first * m.xy, first * m.xz
+    yy, yz, zz = m.yy - below * m.xy, m.yz - below * m.xz, m.zz - last * m.xz
+    second = 1.0 / yy
+    corner = second * yz
+    rest = zz - corner * yz
+    sound = m.xx > 0.0 and yy > TINY * m.yy and rest > TINY * m.zz
+    two = f.y - below * f.x
+    z = (f.z - last * f.x - corner * two) / rest
+    y = second * two - corner * z
+    return sound, Vector(first * f.x - below * y - last * z, y, z)
+
+
+@kernel(inline=True)
+def base_bias(tree: Tree, y: Array, ground: Array) -> Vector:
+    """Find the acceleration of the base's point, less gravity's, when its velocities stay what they are."""
+    point = scale(-1.0, vector(tree.base, GRAVITY))
+    kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
+    if kind >= SKI:
+        forward, left = heading(ground)
+        if kind == SKI:
+            return add_scaled(point, y[first] * y[first + 1], left)
+        point = add_scaled(point, y[first] * y[first + 2], left)
+        return add_scaled(point, -y[first + 1] * y[first + 2], forward)
+    return point
+
+
+@kernel(inline=True)
+def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, ground: Array) -> int:
+    """Write the base's accelerations to `out` from `at` on, `bias` being its point's without them; returns a fault."""
+    kind = tree.shape[BASE_KIND]
+    if kind >= SKI:
+        return move_ski(tree, bias, force, out, at, ground)
+    if kind == PIVOT:
+        put_row(ground, 0, POINT, bias)
+        return 0
+    mass, sums, loads = tree.base[BASE_MASS], row_sym3(ground, 0, SUM), row_vector(ground, 0, FORCE)
+    whole = Sym3(sums.xx + mass, sums.xy, sums.xz, sums.yy + mass, sums.yz, sums.zz + mass)
+    sound, point = solve3(whole, add_scaled(vector(force, 0), -1.0, loads))
+    put_row(ground, 0, POINT, point)
+    put(out, at, add_scaled(point, -1.0, bias))
+    return 0 if sound else FREE_BASE
+
+
+@kernel(inline=True)
+def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, ground: Array) -> int:
+    """Solve for speed', [sideways'] and phi'' of a ski; a reduced knife edge crosses the second row and column out."""
+    reduced = tree.shape[BASE_KIND] == SKI
+    mass, offset, inertia, spin = tree.base[BASE_MASS], tree.base[COM_OFFSET], tree.base[BASE_INERTIA], ground[0, SPIN]
+    forward, left = heading(ground)
+    sums, loads, coupled = row_sym3(ground, 0, SUM), row_vector(ground, 0, FORCE), row_vector(ground, 0, TURN_SUM)
+    sum_forward, sum_left, lever = times(sums, forward), times(sums, left), mass * offset
+    # forces and yaw moment felt at the bias
+    felt = add_scaled(add(times(sums, bias), loads), mass, bias)
+    yaw = dot(coupled, bias) + lever * dot(left, bias) + ground[0, TURN_FORCE]
+    matrix = Sym3(
+        mass + dot(forward, sum_forward), dot(forward, sum_left), dot(forward, coupled),
+        mass + dot(left, sum_left), lever + dot(left, coupled), inertia + lever * offset + ground[0, TURN_SQUARE],
+    )  # fmt: skip
+    along = force[0] + lever * spin - dot(forward, felt)
+    if reduced:
+        zero = 0.0 * spin
+        matrix = Sym3(matrix.xx, zero, matrix.xz, 1.0 + zero, zero, matrix.zz)
+        sound, found = solve3(matrix, Vector(along, zero, force[1] - yaw))
+        out[at], out[at + 1] = found.x, found.z
+    else:
+        sound, found = solve3(matrix, Vector(along, force[1] - dot(left, felt), force[2] - yaw))
+        put(out, at, found)
+    put_row(ground, 0, POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
+    ground[0, YAW] = found.z
+    return 0 if sound else FREE_BASE
+
+
+@kernel(inline=True)
+def drive_base(tree: Tree, y: Array, ground: Array, dy: Array) -> None:
+    """Write the rates of the base's positions."""
+    kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
+    if kind == FREE:
+        put(dy, 0, vector(y, first))
+    elif kind != PIVOT:
+        cosine, sine, speed = ground[0, COSINE], ground[0, SINE], y[first]
+        dy[0], dy[1], dy[2] = speed * cosine, speed * sine, y[first + 1]
+        if kind != SKI:
+            dy[0] -= y[first + 1] * sine
+            dy[1] += y[first + 1] * cosine
+            dy[2] = y[first + 2]
