@@ -374,6 +374,7 @@ def _arranged(
         code[at, 0] = operation
         code[at, 1 : 1 + len(operands)] = [slot[operand] for operand in operands]
     ends = np.cumsum([len(group) for group in groups])
+    entering, entering_ends = _entering(builder, rows)
     sweep, sweep_ends = _sweeps(code, leaves, [slot[root] for root in roots], int(ends[1]))
     tape = Tape(
         code=code, constant=np.array([builder.code[k][2] for k in order], float),
@@ -381,6 +382,7 @@ def _arranged(
         root=np.array([slot[root] for root in roots], np.int64),
         parts=np.array([leaves, *ends, len(order)], np.int64), sweep=sweep, sweep_ends=sweep_ends,
         used=np.array(sorted({leaf.at for leaf, _ in builder.leaves if leaf.kind in (VALUE, RATE)}), np.int64),
+        entering=entering, entering_ends=entering_ends,
         switch=np.array([(slot[at], place[k], kind, form[at].of) for at, k, kind in switches], np.int64).reshape(-1, 4),
     )  # fmt: skip
     names = sorted(builder.leaf, key=lambda name: builder.leaf[name])
@@ -403,6 +405,14 @@ def _sweeps(code: np.ndarray, leaves: int, roots: Sequence[int], state: int) -> 
         ends[r] = len(sweep), len(sweep) + sum(k >= state for k in ordered), len(sweep) + len(ordered)
         sweep += ordered
     return np.array(sweep, np.int64), ends
+
+
+def _entering(builder: _Builder, rows: Sequence[RowFacts]) -> tuple[np.ndarray, np.ndarray]:
+    """List the leaves that the rows over the velocities are made of."""
+    kinds = [leaf.kind for leaf, _ in builder.leaves]
+    chosen = [[k for k in row.leaves if kinds[k] == (VALUE if row.position else RATE)] for row in rows]
+    ends = np.cumsum([0, *map(len, chosen)])
+    return np.array([k for row in chosen for k in row], np.int64), np.column_stack([ends[:-1], ends[1:]]).astype(np.int64)
 
 
 def show(tree: Tree) -> str:

@@ -37,7 +37,7 @@ def evaluate_rows(
         write_residual(tape, buffers, r, form[r], out)
         if not finite(out[r, 0] + out[r, 1] + out[r, 2]):
             return ROW_FAILS, r
-        bad = write_row(tape, buffers, quantities, tree, r, form[r], y, given, reference, matrix)
+        bad = write_row(tape, buffers, quantities, tree, r, y, given, reference, matrix)
         if bad != 0:
             return LEAF_FAILS, bad
     return FINE, 0
@@ -56,16 +56,15 @@ def write_residual(tape: Tape, buffers: Buffers, r: int, form: int, out: Array) 
 
 @kernel
 def write_row(
-    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, form: int, y: Array, given: Array, reference: Array,
-    matrix: Array,
-) -> int:  # fmt: skip
+    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, y: Array, given: Array, reference: Array, matrix: Array
+) -> int:
     """Write W of a row: the sum of its derivatives by leaves times their rows; return 0, or code + 3 k of quantity k."""
     gradient(tape, buffers, r, False)
-    matrix[r, :] = 0.0
-    entering = op.RATE if form == OF_VELOCITIES else op.VALUE
-    for k in range(tape.parts[op.LEAVES]):
-        if tape.leaf[k, 0] == entering:
-            code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], matrix[r])
-            if code != FINE:
-                return code + 3 * tape.leaf[k, 1]
+    for j in range(matrix.shape[1]):
+        matrix[r, j] = 0.0
+    for j in range(tape.entering_ends[r, 0], tape.entering_ends[r, 1]):
+        k = tape.entering[j]
+        code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], matrix[r])
+        if code != FINE:
+            return code + 3 * tape.leaf[k, 1]
     return 0

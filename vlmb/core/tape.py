@@ -261,7 +261,8 @@ def gradient(tape: Tape, buffers: Buffers, root: int, complete: bool) -> None:
     By leaves of the state alone; `complete`: by time and parameters too.
     """
     adjoint, slopes, leaves = buffers.adjoint, buffers.slopes, tape.parts[op.LEAVES]
-    adjoint[:] = 0.0
+    for slot in range(adjoint.shape[0]):
+        adjoint[slot] = 0.0
     adjoint[tape.root[root]] = 1.0
     last = tape.sweep_ends[root, 2] if complete else tape.sweep_ends[root, 1]
     for j in range(tape.sweep_ends[root, 0], last):
