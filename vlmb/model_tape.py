@@ -131,8 +131,8 @@ class _Builder:
             mine = frozenset({slot})
             if leaf.kind == PARAMETER:
                 self.form.append(_Form(core.OF_PARAMETERS, mine, angles={}))
-            elif leaf.kind in (TIME, SIGNAL):
-                self.form.append(_Form(core.OF_TIME, mine, angles={}))
+            elif leaf.kind in (TIME, SIGNAL):  # a signal cannot be looked at before the run as a formula can
+                self.form.append(_Form(core.OF_TIME if leaf.kind == TIME else core.OF_STATE, mine, angles={}))
             elif leaf.kind == RATE:
                 self.form.append(_Form(core.OF_STATE, mine, mine, degree=1.0))
             else:
@@ -301,7 +301,7 @@ def _form(code: int, parts: Sequence[_Form], constant: float) -> _Form:
     of = max((part.of for part in parts), default=core.OF_PARAMETERS)
     leaves = frozenset[int]().union(*(part.leaves for part in parts))
     rates = frozenset[int]().union(*(part.rates for part in parts))
-    return _Form(of, leaves, rates, _bent(code, parts, rates), _degree(code, parts, constant), _angles(code, parts, of, constant))
+    return _Form(of, leaves, rates, _bent(code, parts, rates), _degree(code, parts, constant), _angles(code, parts, constant))
 
 
 def _bent(code: int, parts: Sequence[_Form], rates: frozenset[int]) -> frozenset[int]:
@@ -340,11 +340,11 @@ def _degree(code: int, parts: Sequence[_Form], constant: float) -> float | None:
     return None if exponent is None else exponent * known[0]
 
 
-def _angles(code: int, parts: Sequence[_Form], of: int, constant: float) -> Mapping[int, float] | None:
+def _angles(code: int, parts: Sequence[_Form], constant: float) -> Mapping[int, float] | None:
     """An operation as a sum of angles times numbers; empty where the state does not change it, None where it is no such sum."""
-    if of < core.OF_STATE:
-        return {}
     sums = [part.angles for part in parts]
+    if all(entry is not None and not entry for entry in sums):
+        return {}
     if code not in (core.ADD, core.SUBTRACT, core.SHIFT, core.SCALE, core.PART) or any(entry is None for entry in sums):
         return None
     known = [entry or {} for entry in sums]
