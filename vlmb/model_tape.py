@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from vlmb.core import opcodes as core
 from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE, Tape
 from vlmb.errors import ExpressionError
 from vlmb.expressions import Equation, Expression, Tree, apply, failure
+from vlmb.model_forms import Form, RowFacts, form_of, show
 
 MAX_ROWS, MAX_OPERATIONS = 2000, 50_000
 
@@ -29,31 +30,6 @@ class Leaf(NamedTuple):
     kind: int
     at: int = 0
     angle: bool = False
-
-
-@dataclass(frozen=True)
-class RowFacts:
-    """What is known of a root before any motion; for an equation the root is left - right."""
-
-    text: str
-    names: frozenset[str]
-    leaves: tuple[int, ...]  # those it uses, by index
-    moves: bool  # it names a value or a rate of the mechanism
-    position: bool  # it names no rate
-    timed: bool  # it names the time or a signal
-    linear: frozenset[int]  # leaves of rates that it is linear in
-    homogeneous: bool  # of degree one in the rates
-    angles: Mapping[int, float]  # it is a sum of these leaves times these numbers, and of what the state does not change; or none
-
-    @property
-    def angle(self) -> bool:
-        """Whether its value is a difference of angles, to be wrapped."""
-        return self.position and bool(self.angles) and all(abs(factor) == 1.0 for factor in self.angles.values())
-
-    @property
-    def working(self) -> bool:
-        """Whether as an ideal constraint it does work: it moves with time, or asks for a rate."""
-        return self.timed if self.position else not self.homogeneous
 
 
 @dataclass(frozen=True)
@@ -86,18 +62,6 @@ def compile_tape(roots: Sequence[Expression | Equation], resolve: Callable[[str]
     return _arranged(builder, slots, needed, switches, rows)
 
 
-@dataclass(frozen=True)
-class _Form:
-    """What is known of a slot: `of` (parameters, time, state), its leaves, how rates and angles enter."""
-
-    of: int
-    leaves: frozenset[int] = frozenset()
-    rates: frozenset[int] = frozenset()
-    bent: frozenset[int] = frozenset()  # rates that enter other than linearly
-    degree: float | None = 0.0  # of homogeneity in the rates; None: not homogeneous
-    angles: Mapping[int, float] | None = None  # None: not such a sum
-
-
 class _Builder:
     """Slots in the order of making: leaves and operations mixed; `_arranged` puts them in the tape's order."""
 
@@ -106,7 +70,7 @@ class _Builder:
         self.leaf: dict[str, int] = {}
         self.leaves: list[tuple[Leaf, int]] = []
         self.code: list[tuple[int, tuple[int, ...], float, int, Tree]] = []  # operation, operands, constant, slot, source
-        self.form: list[_Form] = []
+        self.form: list[Form] = []
         self.known: dict[tuple[int, tuple[int, ...], float], int] = {}
         self.sharing: dict[Tree, int | float] = {}
 
@@ -130,13 +94,13 @@ class _Builder:
             self.leaves.append((leaf, slot))
             mine = frozenset({slot})
             if leaf.kind == PARAMETER:
-                self.form.append(_Form(core.OF_PARAMETERS, mine, angles={}))
+                self.form.append(Form(core.OF_PARAMETERS, mine, angles={}))
             elif leaf.kind in (TIME, SIGNAL):  # a signal cannot be looked at before the run as a formula can
-                self.form.append(_Form(core.OF_TIME if leaf.kind == TIME else core.OF_STATE, mine, angles={}))
+                self.form.append(Form(core.OF_TIME if leaf.kind == TIME else core.OF_STATE, mine, angles={}))
             elif leaf.kind == RATE:
-                self.form.append(_Form(core.OF_STATE, mine, mine, degree=1.0))
+                self.form.append(Form(core.OF_STATE, mine, mine, degree=1.0))
             else:
-                self.form.append(_Form(core.OF_STATE, mine, angles={slot: 1.0} if leaf.angle else None))
+                self.form.append(Form(core.OF_STATE, mine, angles={slot: 1.0} if leaf.angle else None))
         return self.leaf[name]
 
     def slot(self, part: int | float, source: Tree) -> int:
@@ -153,7 +117,7 @@ class _Builder:
                 raise ExpressionError(f"the equations and laws have more than {MAX_OPERATIONS} operations; simplify them")
             self.known[key] = len(self.form)
             self.code.append((code, operands, constant, len(self.form), source))
-            self.form.append(_form(code, [self.form[k] for k in operands], constant))
+            self.form.append(form_of(code, [self.form[k] for k in operands], constant))
         return self.known[key]
 
     def build(self, tree: Tree) -> int | float:
@@ -296,68 +260,6 @@ class _Builder:
         )  # fmt: skip
 
 
-def _form(code: int, parts: Sequence[_Form], constant: float) -> _Form:
-    """What is known of an operation from what is known of its operands."""
-    of = max((part.of for part in parts), default=core.OF_PARAMETERS)
-    leaves = frozenset[int]().union(*(part.leaves for part in parts))
-    rates = frozenset[int]().union(*(part.rates for part in parts))
-    return _Form(of, leaves, rates, _bent(code, parts, rates), _degree(code, parts, constant), _angles(code, parts, constant))
-
-
-def _bent(code: int, parts: Sequence[_Form], rates: frozenset[int]) -> frozenset[int]:
-    """Rates that enter an operation other than linearly."""
-    known = frozenset[int]().union(*(part.bent for part in parts))
-    if code in (core.ADD, core.SUBTRACT, core.SHIFT, core.SCALE, core.PART):
-        return known
-    if code == core.MULTIPLY and not (parts[0].rates and parts[1].rates):
-        return known
-    if code == core.DIVIDE and not parts[1].rates:
-        return known
-    if code == core.SELECT and not parts[2].rates:
-        return known
-    return rates
-
-
-def _degree(code: int, parts: Sequence[_Form], constant: float) -> float | None:
-    """Degree in the rates that an operation is homogeneous of."""
-    degrees = [part.degree for part in parts]
-    if not any(part.rates for part in parts):
-        return 0.0
-    known = [degree for degree in degrees if degree is not None]
-    if len(known) < len(degrees):
-        return None
-    if code in (core.ADD, core.SUBTRACT):
-        return known[0] if known[0] == known[1] else None
-    if code == core.MULTIPLY:
-        return known[0] + known[1]
-    if code == core.DIVIDE:
-        return known[0] - known[1]
-    if code in (core.SCALE, core.PART):
-        return known[0]
-    if code == core.SELECT and not parts[2].rates and known[0] == known[1]:
-        return known[0]
-    exponent = {core.SQUARE: 2.0, core.OVER: -1.0, core.WHOLE_POWER: constant}.get(code)
-    return None if exponent is None else exponent * known[0]
-
-
-def _angles(code: int, parts: Sequence[_Form], constant: float) -> Mapping[int, float] | None:
-    """An operation as a sum of angles times numbers; empty where the state does not change it, None where it is no such sum."""
-    sums = [part.angles for part in parts]
-    if all(entry is not None and not entry for entry in sums):
-        return {}
-    if code not in (core.ADD, core.SUBTRACT, core.SHIFT, core.SCALE, core.PART) or any(entry is None for entry in sums):
-        return None
-    known = [entry or {} for entry in sums]
-    if code in (core.ADD, core.SUBTRACT):
-        sign = 1.0 if code == core.ADD else -1.0
-        total = dict(known[0])
-        for leaf, factor in known[1].items():
-            total[leaf] = total.get(leaf, 0.0) + sign * factor
-        return {leaf: factor for leaf, factor in total.items() if factor != 0.0}
-    scale = {core.SHIFT: 1.0, core.SCALE: constant}.get(code, 1.0 / constant if constant else 0.0)
-    return {leaf: scale * factor for leaf, factor in known[0].items() if scale}
-
-
 def _arranged(
     builder: _Builder, roots: Sequence[int], needed: int, switches: Sequence[tuple[int, int, int]], rows: Sequence[RowFacts]
 ) -> CompiledTape:
@@ -413,21 +315,3 @@ def _entering(builder: _Builder, rows: Sequence[RowFacts]) -> tuple[np.ndarray, 
     chosen = [[k for k in row.leaves if kinds[k] == (VALUE if row.position else RATE)] for row in rows]
     ends = np.cumsum([0, *map(len, chosen)])
     return np.array([k for row in chosen for k in row], np.int64), np.column_stack([ends[:-1], ends[1:]]).astype(np.int64)
-
-
-def show(tree: Tree) -> str:
-    """Return the text of a tree."""
-    op, *rest = tree
-    if op in ("name", "number"):
-        return rest[0] if op == "name" else f"{rest[0]:g}"
-    parts = [show(part) for part in rest]
-    if op == "where":
-        return f"where({parts[0]} < 0, {parts[1]}, {parts[2]})"
-    if op == "neg":
-        return f"-{parts[0]}" if rest[0][0] != "+" else f"-({parts[0]})"
-    if op == "+":
-        return parts[0] + "".join(f" - {part[1:]}" if part.startswith("-") else f" + {part}" for part in parts[1:])
-    if op in ("*", "/", "**"):
-        loose = ("+", "neg") if op == "*" else ("+", "neg", "*", "/", "**")
-        return op.join(f"({part})" if term[0] in loose else part for part, term in zip(parts, rest, strict=True))
-    return f"{op}({', '.join(parts)})"

@@ -84,7 +84,7 @@ for name in sys.argv[1:] or ("skier_slalom", "skier_slalom_whole_body"):
     print(f"  first evaluate_rows {time.process_time() - begin:.2f} s CPU")
     played = int(compiled.parts[ROOTS_END] - compiled.parts[PARAMETERS_END])
     swept = int((compiled.sweep_ends[:, 1] - compiled.sweep_ends[:, 0]).sum())
-    print(f"  {len(made.rows)} rows, {compiled.parts[LEAVES]} leaves, {len(compiled.code)} operations, {played} played, {swept} swept")
+    print(f"  {len(made.rows)} rows, {compiled.parts[LEAVES]} leaves, {played} of {len(compiled.code)} operations, {swept} swept")
     total = timed(many_values, compiled, buffers)
     print(f"  values    {total:8.0f} ns, {total / played:5.1f} an operation")
     total = timed(many_jets, compiled, buffers)
@@ -95,12 +95,3 @@ for name in sys.argv[1:] or ("skier_slalom", "skier_slalom_whole_body"):
     print(f"  quantities{total:8.0f} ns, {total / len(compiled.used):5.1f} each")
     total = timed(many_rows, *arguments)
     print(f"  all rows  {total:8.0f} ns")
-    from vlmb.core.quantities import add_row
-
-    @kernel
-    def many_pushes(table, k, shape, y, given, near, out, count):
-        for _ in range(count):
-            add_row(table, k, shape, y, given, near, 0.5, out)
-
-    for k in range(min(6, len(vocabulary.known))):
-        print("   ", list(vocabulary.known)[k], f"{timed(many_pushes, table, k, shape, now.y, given, near, matrix[0]):.0f} ns")

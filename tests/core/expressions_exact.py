@@ -13,16 +13,26 @@ from vlmb.core.opcodes import LEAVES, PARAMETER, RATE, TIME, VALUE, make_buffers
 from vlmb.expressions import parse, walk
 from vlmb.model_tape import Leaf, compile_tape
 
-NAMES = {"t": Leaf(TIME), "A": Leaf(PARAMETER, 0), "k": Leaf(PARAMETER, 1), "x": Leaf(VALUE, 0), "y": Leaf(VALUE, 1), "z": Leaf(VALUE, 2)}
+NAMES = {
+    "t": Leaf(TIME),
+    "A": Leaf(PARAMETER, 0),
+    "k": Leaf(PARAMETER, 1),
+    "x": Leaf(VALUE, 0),
+    "y": Leaf(VALUE, 1),
+    "z": Leaf(VALUE, 2),
+}
 NAMES |= {f"{name}_dot": Leaf(RATE, NAMES[name].at) for name in "xyz"}
 
 TEXTS = [  # every operation, at arguments of both signs
-    "x + y", "x - y", "-x*y*z", "x/y", "x/3", "2/y", "x + 2", "x*2 - 3*y", "x**2", "x**3", "(-x)**3", "x**-1", "(-x)**-3", "y**64",
-    "x**0.5", "y**1.5", "y**-2.5", "x**0 + x**1", "sin(x)*cos(y)", "tan(x)", "asin(x/3)", "acos(x/3)", "atan(x*y)", "atan2(y, x)",
-    "atan2(-y, -x)", "atan2(x, 2)", "exp(-x**2)", "log(x*y)", "sqrt(x + y)", "abs(x - y)", "abs(y - x)", "min(x, y)", "max(x, y, z)",
-    "min(x, 2)", "sign(x - y)*x", "step(x - y)*y", "step(y - x)*y", "where(x < y, x*y, log(-x))", "where(x >= y, log(-x), x*z)",
-    "where(z <= y, sqrt(z), y**2)", "where(z > y, x, sin(y))", "A*sin(k*t)*x", "A*k*t - 3", "exp(A*t)/k", "sqrt(x**2 + y**2 + z**2)",
-    "A*k**2*sin(k*x)/(1.2*k**2 + 9.7/(A**2 + 2*y*x))", "x*x*x", "A*A", "((x + y)**2)**0.5", "x_dot*y + t", "x_dot**2*sin(y)",
+    "x + y", "x - y", "-x*y*z", "x/y", "x/3", "2/y", "x + 2", "x*2 - 3*y", "x**2", "x**3", "(-x)**3", "x**-1", "(-x)**-3",
+    "y**64",     "x**0.5", "y**1.5", "y**-2.5", "x**0 + x**1", "sin(x)*cos(y)", "tan(x)", "asin(x/3)", "acos(x/3)",
+    "atan(x*y)", "atan2(y, x)",
+    "atan2(-y, -x)", "atan2(x, 2)", "exp(-x**2)", "log(x*y)", "sqrt(x + y)", "abs(x - y)", "abs(y - x)", "min(x, y)",
+    "max(x, y, z)",     "min(x, 2)", "sign(x - y)*x", "step(x - y)*y", "step(y - x)*y", "where(x < y, x*y, log(-x))",
+    "where(x >= y, log(-x), x*z)",
+    "where(z <= y, sqrt(z), y**2)", "where(z > y, x, sin(y))", "A*sin(k*t)*x", "A*k*t - 3", "exp(A*t)/k",
+    "sqrt(x**2 + y**2 + z**2)",     "A*k**2*sin(k*x)/(1.2*k**2 + 9.7/(A**2 + 2*y*x))", "x*x*x", "A*A", "((x + y)**2)**0.5",
+    "x_dot*y + t", "x_dot**2*sin(y)",
 ]  # fmt: skip
 FUNCTIONS = {
     "+": lambda *a: mpmath.fsum(a), "*": lambda *a: mpmath.fprod(a), "/": lambda a, b: a / b, "neg": lambda a: -a,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import mpmath
@@ -153,7 +152,11 @@ def mechanisms() -> list[Motion]:
     """All kinds of base, with trees; in space and in the upright plane of the heading."""
     parents, on_rod = [-1, 0, 1, -1], [False, False, True, False]
     found = [Motion(base, parents, on_rod, 3 + base) for base in range(4)]
-    return [*found, Motion(tree.SKI, parents, on_rod, 11, plane=True), Motion(tree.PIVOT, [-1, 0], [False, False], 12, plane=True)]
+    return [
+        *found,
+        Motion(tree.SKI, parents, on_rod, 11, plane=True),
+        Motion(tree.PIVOT, [-1, 0], [False, False], 12, plane=True),
+    ]
 
 
 def measured(motion: Motion, table: q.Quantities, k: int, t: Number) -> np.ndarray:
@@ -187,9 +190,7 @@ def wrong(motion: Motion, t: Number, close: float = 1e-30) -> list[str]:
     for k, (kind, _) in enumerate(entries):
         out, row = measured(motion, table, k, t), np.zeros(len(v), object)
         code = q.add_row(table, k, motion.tree(), y, given, reference(motion, table, t), mpmath.mpf(1), row)
-        value: Callable[[Number], Number] = lambda s, k=k: measured(motion, table, k, s)[0]
-        rate: Callable[[Number], Number] = lambda s, k=k: measured(motion, table, k, s)[1]
-        slope, bend = mpmath.diff(value, t), mpmath.diff(rate, t)
+        slope, bend = (mpmath.diff(lambda s, k=k, o=order: measured(motion, table, k, s)[o], t) for order in range(2))
         if steers and kind[0] in (q.BASE_PLACE, q.POINT, q.CENTRE_OF_MASS):  # the knife edge moves A, not the waves of the place
             axis = kind[2]
             slope += motion.velocity(t)[axis] - (motion.place[axis](t, 1) if axis < 2 else 0)

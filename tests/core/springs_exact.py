@@ -1,4 +1,4 @@
-"""Run as a script with VLMB_JIT=0: forces of springs and dampers are minus the derivatives of energy and of half the power lost."""
+"""Run as a script with VLMB_JIT=0: forces are minus the derivatives of the energy and of half the power lost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ LINE = [-1, 0, 0]
 def table(motion: Motion, damping: float, stiffness: float) -> springs.AngleSprings:
     pairs = [(0, 1, springs.IN_PLANE if motion.plane else springs.LINKS), (places.NORMAL, 0, springs.ON_BASE)]
     pairs += [(places.HEADING, 1, springs.ON_BASE)]
-    constant = [[mpmath.mpf(k) * stiffness, mpmath.mpf(c) * damping, mpmath.mpf(r)] for k, c, r in ((3, 2, 0.8), (5, 1, 0), (2, 3, -0.5))]
+    constant = [
+        [mpmath.mpf(k) * stiffness, mpmath.mpf(c) * damping, mpmath.mpf(r)] for k, c, r in ((3, 2, 0.8), (5, 1, 0), (2, 3, -0.5))
+    ]
     return springs.AngleSprings(np.array(pairs, np.int64), np.array(constant, object))
 
 
@@ -64,7 +66,9 @@ def turning_with_the_ski() -> list[str]:
 
 if __name__ == "__main__":
     mpmath.mp.dps = 50
-    motions = [Motion(base, LINE, [False] * 3, 20 + base) for base in range(4)] + [Motion(tree.SKI, LINE, [False] * 3, 30, plane=True)]
+    motions = [Motion(base, LINE, [False] * 3, 20 + base) for base in range(4)] + [
+        Motion(tree.SKI, LINE, [False] * 3, 30, plane=True)
+    ]
     found = [text for motion in motions for text in wrong(motion)] + turning_with_the_ski()
     print("\n".join(found) or "fine")
     sys.exit(bool(found))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-
 from against_today import Vocabulary, forms, make_state, make_tree
+
 from vlmb.constraints import Rows
 from vlmb.coordinates import make_state as pinocchio_state
 from vlmb.core import rows, tape

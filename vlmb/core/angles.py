@@ -126,7 +126,7 @@ def plane_angle(tree: Tree, y: Array, first: int, second: int, near: float) -> M
 
 @kernel
 def angle_between(tree: Tree, y: Array, first: int, second: int) -> tuple[int, Moving]:
-    """Return theta of two directions a, b: theta' = -(a . b)' / sin theta, theta'' = -((a . b)'' + theta'^2 a . b) / sin theta."""
+    """Return theta of two directions a, b: -sin theta theta' = (a . b)', -sin theta theta'' = (a . b)'' + theta'^2 a . b."""
     a, a1, a2 = places.direction(tree, y, first)
     b, b1, b2 = places.direction(tree, y, second)
     n = cross(a, b)

@@ -48,7 +48,7 @@ class Tape(NamedTuple):
     sweep: Integers  # operations of the roots, one root after the other, each last first
     sweep_ends: Integers  # (roots, 3) in `sweep`: begin, end of those of the state, end
     used: Integers  # quantities that leaves read
-    entering: Integers  # leaves that a row over the velocities is made of, one root after the other: its rates, or else its values
+    entering: Integers  # leaves that the row of a root is made of, its rates or else its values; one root after the other
     entering_ends: Integers  # (roots, 2) in `entering`: begin and end
     switch: Integers  # (switches, 4) slot whose sign decides, operation, kind, what it depends on
 

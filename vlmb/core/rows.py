@@ -6,9 +6,9 @@ Rows of positions: z = g, z' = g', drift g''. Rows of velocities: z = 0, z' = g,
 from __future__ import annotations
 
 from vlmb.core import opcodes as op
+from vlmb.core.angles import FINE
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
-from vlmb.core.angles import FINE
 from vlmb.core.quantities import Quantities, add_row, measure_these
 from vlmb.core.scalars import finite, wrapped
 from vlmb.core.tape import gradient, play_jets, read_leaves
@@ -56,8 +56,9 @@ def write_residual(tape: Tape, buffers: Buffers, r: int, form: int, out: Array) 
 
 @kernel
 def write_row(
-    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, y: Array, given: Array, reference: Array, matrix: Array
-) -> int:
+    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, y: Array, given: Array, reference: Array,
+    matrix: Array,
+) -> int:  # fmt: skip
     """Write W of a row: the sum of its derivatives by leaves times their rows; return 0, or code + 3 k of quantity k."""
     gradient(tape, buffers, r, False)
     for j in range(matrix.shape[1]):

@@ -49,9 +49,11 @@ def time_scale(tape: Tape, parameters: Array, begin: float, end: float, count: i
 
 
 def time_breaks(tape: Tape, parameters: Array, begin: float, end: float, count: int = 100_000) -> Array:
-    """Return the times in (begin, end) where a law of time switches or leaves its domain, in order; nan as the last: there are more.
+    """Return the times in (begin, end) where a law of time switches or leaves its domain, in order.
 
-    Not found: two switches closer than 1e-9 of the run, and where an argument touches 0 and returns, other than at a domain's end.
+    nan as the last: there are more than were looked for.
+
+    Not found: two switches closer than 1e-9 of the run, and arguments that touch 0 and return, other than at a domain's end.
     """
     slots = int(tape.parts[op.LEAVES]) + len(tape.code)
     boxes, buffers, found = np.empty((slots, 6)), make_buffers(tape), np.empty(count)
@@ -206,7 +208,7 @@ def find_breaks(
 
 @kernel
 def bisect(tape: Tape, buffers: Buffers, slot: int, low: float, high: float, first: float, last: float) -> float:
-    """Return the first number from which on a slot is no longer on the side of its first value; leaving 0, that is where it moves."""
+    """Return the first number at which a slot is off the side of its first value; from 0 on, where it begins to move."""
     sign, middle = (1.0 if last > first else -1.0), 0.5 * (low + high)
     while low < middle < high:
         value = sign * value_at(tape, buffers, slot, middle)
