@@ -11,7 +11,8 @@ from vlmb.constraints import Rows
 from vlmb.coordinates import make_state as pinocchio_state
 from vlmb.core import rows, tape
 from vlmb.core.opcodes import make_buffers
-from vlmb.expressions import parse_equation
+from vlmb.core.quantities import ELEVATION, add_accelerations
+from vlmb.expressions import parse, parse_equation
 from vlmb.frames import LinkFrames
 from vlmb.mechanism import build
 from vlmb.model_tape import compile_tape
@@ -60,3 +61,36 @@ def test_rows_agree_with_todays_engine(name: str) -> None:
     assert [row.position for row in compiled.rows] == [info.holonomic for info in todays.info]
     assert [row.angle for row in compiled.rows] == [info.angle for info in todays.info]
     assert [row.working for row in compiled.rows] == [info.working for info in todays.info]
+
+
+def test_laws_and_switches_see_the_state() -> None:
+    scene = load_scene("models/skier_slalom.toml")
+    mechanism = build(scene)
+    layout, rng = mechanism.layout, np.random.default_rng(4)
+    coordinates = {n: rng.uniform(0.2, 0.6) for n in layout.names}
+    state = pinocchio_state(layout, coordinates, {f"{n}_dot": rng.normal() for n in layout.names})
+    shape, given = make_tree(mechanism)
+    vocabulary = Vocabulary(mechanism)
+    compiled = compile_tape(
+        [parse("-100*psi1 - 20*psi1_dot"), parse("-0.2*speed*abs(speed) + step(legs.tip.z - t)"), parse("min(psi1_dot, A)")],
+        vocabulary,
+    )
+    table, now = vocabulary.table(shape), make_state(mechanism, shape, state.q, state.v)
+    parameters, out, count = np.array(list(scene.parameters.values())), np.zeros(3), len(vocabulary.known)
+    buffers, measured, near = make_buffers(compiled.tape), np.zeros((count, 3)), vocabulary.reference(coordinates)
+    tape.prepare(compiled.tape, buffers, parameters)
+    arguments = compiled.tape, buffers, table, shape, 0.7, now.y, given, near, parameters, np.zeros((0, 3)), measured, out
+    assert rows.evaluate_laws(*arguments) == (0, 0)
+    speed, psi, psi_rate = now.v[0], coordinates["psi1"], measured[list(vocabulary.known).index(((ELEVATION, 0, 0, 0), 0.0)), 1]
+    height = mechanism.position(state, "legs", "tip")[2]
+    wanted = [-100 * psi - 20 * psi_rate, -0.2 * speed * abs(speed) + float(height >= 0.7), min(psi_rate, parameters[0])]
+    np.testing.assert_allclose(out, wanted, rtol=1e-13)
+
+    change = rng.normal(size=len(now.v))
+    row, found = np.zeros(len(now.v)), np.zeros((len(compiled.tape.switch), 2))
+    assert add_accelerations(table, compiled.tape.used, shape, now.y, given, near, change, row, measured) == 0
+    rows.evaluate_switches(compiled.tape, buffers, 0.7, parameters, np.zeros((0, 3)), measured, found)
+    arguments_of = {compiled.source(int(k)): found[n] for n, k in enumerate(compiled.tape.switch[:, 1])}
+    np.testing.assert_allclose(arguments_of["abs(speed)"], [speed, change[0]], rtol=1e-13)
+    assert arguments_of["step(legs.tip.z - t)"][0] == pytest.approx(height - 0.7, rel=1e-13)
+    assert arguments_of["min(psi1_dot, A)"][0] == pytest.approx(psi_rate - parameters[0], rel=1e-13)

@@ -203,7 +203,7 @@ def add_row(
     return FINE
 
 
-@kernel
+@kernel(inline=True)
 def measure_these(
     quantities: Quantities, these: Integers, tree: Tree, y: Array, given: Array, reference: Array, out: Array
 ) -> int:
@@ -227,3 +227,23 @@ def follow(quantities: Quantities, tree: Tree, y: Array, reference: Array) -> No
             reference[k, 1] = angles.plane_angle(tree, y, places.HEADING, link, reference[k, 1])[0]
         elif kind == PLANE_ANGLE:
             reference[k, 1] = angles.plane_angle(tree, y, link, quantities.kind[k, COMPONENT], reference[k, 1])[0]
+
+
+@kernel
+def add_accelerations(
+    quantities: Quantities, these: Integers, tree: Tree, y: Array, given: Array, reference: Array, change: Array, row: Array,
+    out: Array,
+) -> int:  # fmt: skip
+    """Add L v' to the drifts in `out` (count, 3): then they are second derivatives along the motion with v' = `change` (nv,).
+
+    row (nv,) is overwritten. Return 0, or code + 3 k of the first k that has no row.
+    """
+    for k in these:
+        for j in range(row.shape[0]):
+            row[j] = 0.0
+        code = add_row(quantities, k, tree, y, given, reference, 1.0, row)
+        if code != FINE:
+            return code + 3 * k
+        for j in range(row.shape[0]):
+            out[k, 2] += row[j] * change[j]
+    return 0

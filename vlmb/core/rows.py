@@ -11,7 +11,7 @@ from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities, add_row, measure_these
 from vlmb.core.scalars import finite, wrapped
-from vlmb.core.tape import gradient, play_jets, read_leaves
+from vlmb.core.tape import gradient, play_jets, read_leaves, values
 from vlmb.core.tree import Array, Integers, Tree
 
 OF_POSITIONS, OF_VELOCITIES, OF_ANGLES = range(3)  # forms of a row; OF_ANGLES: of positions, z is wrapped to [-pi, pi)
@@ -43,7 +43,7 @@ def evaluate_rows(
     return FINE, 0
 
 
-@kernel
+@kernel(inline=True)
 def write_residual(tape: Tape, buffers: Buffers, r: int, form: int, out: Array) -> None:
     """Write z, z' and drift of a row."""
     slots, slot = buffers.slots, tape.root[r]
@@ -54,7 +54,7 @@ def write_residual(tape: Tape, buffers: Buffers, r: int, form: int, out: Array) 
         out[r, 1], out[r, 2] = slots[slot, 1], slots[slot, 2]
 
 
-@kernel
+@kernel(inline=True)
 def write_row(
     tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, y: Array, given: Array, reference: Array,
     matrix: Array,
@@ -69,3 +69,29 @@ def write_row(
         if code != FINE:
             return code + 3 * tape.leaf[k, 1]
     return 0
+
+
+@kernel
+def evaluate_laws(
+    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, t: float, y: Array, given: Array, reference: Array,
+    parameters: Array, signals: Array, measured: Array, out: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the values of all roots into `out` (roots,), after `prepare`; return a code and its place as `evaluate_rows` does."""
+    bad = measure_these(quantities, tape.used, tree, y, given, reference, measured)
+    if bad != 0:
+        return QUANTITY_FAILS, bad
+    read_leaves(tape, t, parameters, measured, signals, buffers.slots)
+    bad = values(tape, buffers, out)
+    return (ROW_FAILS, bad - 1) if bad != 0 else (FINE, 0)
+
+
+@kernel
+def evaluate_switches(
+    tape: Tape, buffers: Buffers, t: float, parameters: Array, signals: Array, measured: Array, out: Array
+) -> None:
+    """Write value and rate of every switch into `out` (switches, 2), after `measure_these` and `add_accelerations`."""
+    read_leaves(tape, t, parameters, measured, signals, buffers.slots)
+    play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ALL_END])
+    for k in range(tape.switch.shape[0]):
+        slot = tape.switch[k, op.SWITCH_SLOT]
+        out[k, 0], out[k, 1] = buffers.slots[slot, 0], buffers.slots[slot, 1]

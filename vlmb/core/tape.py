@@ -24,7 +24,7 @@ def selects_first(condition: float) -> bool:
     return condition < 0.0
 
 
-@kernel
+@kernel(inline=True)
 def read_leaves(tape: Tape, t: float, parameters: Array, measured: Array, signals: Array, slots: Array) -> None:
     """Fill the leaves of `slots`.
 
@@ -94,7 +94,7 @@ def select_jet(slots: Array, slopes: Array, k: int, o: int, a: int, b: int, cond
         slots[o, j] = slots[chosen, j] if condition == condition else NAN
 
 
-@kernel
+@kernel(inline=True)
 def gradient(tape: Tape, buffers: Buffers, root: int, complete: bool) -> None:
     """Write the derivatives of a root by the leaves into adjoint[:leaves], after `play_jets`.
 
