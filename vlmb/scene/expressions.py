@@ -1,6 +1,7 @@
 """Text of a scene file -> expressions. The text is data: it is parsed against a whitelist, never run.
 
-An expression is a tree of tuples: ("number", 2.0), ("name", "phi1"), ("sin", tree), ("+", tree, tree, ...).
+An expression is a tree of tuples: ("number", 2.0), ("name", "phi1"), ("sin", tree), ("+", tree, tree, ...). A comparison
+becomes a difference: ("where", tree, u, v) is u where the tree is negative, else v.
 """
 
 from __future__ import annotations
@@ -25,11 +26,16 @@ MAX_CHARACTERS, MAX_NODES, MAX_DEPTH, MAX_EXPONENT, MAX_FACTORS = 1000, 200, 25,
 MAX_NUMBER = 1e300
 FUNCTIONS: Mapping[str, Callable[..., float]] = MappingProxyType(
     {"sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos, "atan": math.atan,
-     "atan2": math.atan2, "exp": math.exp, "log": math.log, "sqrt": math.sqrt, "abs": abs, "min": min, "max": max}
+     "atan2": math.atan2, "exp": math.exp, "log": math.log, "sqrt": math.sqrt, "abs": abs, "min": min, "max": max,
+     "sign": lambda x: float(x > 0.0) - float(x < 0.0), "step": lambda x: float(x >= 0.0),
+     "where": lambda below, first, second: first if below < 0.0 else second}
 )  # fmt: skip
 CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi})
 ALLOWED = f"allowed: numbers, names, pi, + - * / **, parentheses, {' '.join(FUNCTIONS)}"
 
+# a < b and its kin: whether the difference is b - a, and whether `where` then takes its second value below 0.
+_COMPARISONS = {ast.Lt: (False, False), ast.Gt: (True, False), ast.GtE: (False, True), ast.LtE: (True, True)}
+_COMPARE = "where(a < b, u, v) is u where a < b, else v; its first argument is one <, <=, > or >="
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**", ast.USub: "neg", ast.UAdd: "+"}
 OPERATIONS: dict[str, Callable[..., float]] = {
     "+": lambda *terms: functools.reduce(operator.add, terms), "*": lambda *factors: math.prod(factors),
@@ -82,8 +88,9 @@ def parse(text: str | float, key: str = "expression", allowed: Collection[str] |
 def parse_equation(text: str, key: str = "constraint", allowed: Collection[str] | None = None) -> Equation:
     """Read an equation `left = right`. Raises ExpressionError."""
     text = _checked_text(text, key)
-    sides = text.split("=")
-    if len(sides) != 2 or re.search(r"[<>!:]", text):
+    sides = re.split(r"(?<![<>=!])=(?!=)", text)
+    outside = re.sub(r"(?s)\bwhere\s*\(.*", "", text)  # comparisons within where are looked at when its side is read
+    if len(sides) != 2 or re.search(r"==|[!:]", text) or re.search(r"[<>]", outside):
         found = "a comparison" if re.search(r"==|[<>!:]", text) else f"{len(sides) - 1} equals signs"
         raise failure(key, text, f"found {found}", "an equation is written with one =, e.g. phi1 = phi0")
     left, right = (parse(side, f"{key} ({text[:60]!a})", allowed) for side in sides)
@@ -94,7 +101,7 @@ def evaluate(expression: Expression, values: Mapping[str, float]) -> float:
     """Return the value for named values. Raises ExpressionError: a value is missing, or the result is not finite."""
     require(expression, values, "value")
     try:
-        result = float(walk(expression.tree, values.__getitem__, float, apply))
+        result = float(_value(expression.tree, values))
         if math.isfinite(result):
             return result
         problem = f"its value is {result}"
@@ -102,6 +109,18 @@ def evaluate(expression: Expression, values: Mapping[str, float]) -> float:
         problem = str(error)
     where = ", ".join(f"{name} = {values[name]}" for name in sorted(expression.names)[:8])
     raise failure(expression.key, expression.text, f"{problem} at {where}", "change the values or the text")
+
+
+def _value(tree: Tree, values: Mapping[str, float]) -> float:
+    """Return a tree's value; of `where` the branch taken alone is looked at."""
+    op, *rest = tree
+    if op == "number":
+        return rest[0]
+    if op == "name":
+        return values[rest[0]]
+    if op == "where":
+        return _value(rest[1] if _value(rest[0], values) < 0.0 else rest[2], values)
+    return apply(op, [_value(part, values) for part in rest])
 
 
 def failure(key: str, text: str, problem: str, advice: str = ALLOWED) -> ExpressionError:
@@ -163,10 +182,24 @@ def _build(root: ast.expr, text: str, key: str, allowed: Collection[str] | None)
             raise refuse(f"unknown name {name!r}", nearest(name, sorted({*allowed, *CONSTANTS, *FUNCTIONS})))
         return ("name", name)
 
+    def choice(node: ast.Call) -> Tree:
+        if node.keywords or len(node.args) != 3:
+            raise refuse(f"found {source(node)}", _COMPARE)
+        test = node.args[0]
+        if not isinstance(test, ast.Compare) or len(test.ops) != 1 or type(test.ops[0]) not in _COMPARISONS:
+            raise refuse(f"found {source(test)} as the first argument of where", _COMPARE)
+        turned, negated = _COMPARISONS[type(test.ops[0])]
+        sides = [build(test.left), build(test.comparators[0])]
+        branches = [build(part) for part in node.args[1:]]
+        below = fold("-", sides[::-1] if turned else sides)
+        return fold("where", [below, *(branches[::-1] if negated else branches)])
+
     def call(name: str, node: ast.Call) -> Tree:
         if name not in FUNCTIONS:
             hint = nearest(name.rpartition(".")[2], FUNCTIONS)
             raise refuse(f"{name!r} is not a function", f"{hint}; multiplication is written *")
+        if name == "where":
+            return choice(node)
         least, most = {"atan2": (2, 2), "min": (2, MAX_NODES), "max": (2, MAX_NODES)}.get(name, (1, 1))
         if node.keywords or not least <= len(node.args) <= most:
             wanted = f"{least} or more" if most > least else least
@@ -195,6 +228,9 @@ def _build(root: ast.expr, text: str, key: str, allowed: Collection[str] | None)
                 raise refuse(f"an exponent is a plain number, at most {MAX_EXPONENT}", "write a**b as exp(b*log(a))")
             return fold(_OPERATORS[type(node.op)], [left, right])
         kind = type(getattr(node, "value", None) if isinstance(node, ast.Constant) else getattr(node, "op", node))
+        if isinstance(node, ast.Compare):
+            hint = "equality is =; " if "==" in text else ""
+            raise refuse(f"found the comparison {source(node)} (Compare)", f"{hint}{_COMPARE}; {ALLOWED}")
         hints = [hint for mark, hint in {"^": "a power is **; ", "==": "equality is =; "}.items() if mark in text]
         raise refuse(f"found {source(node)} ({kind.__name__})", "".join(hints) + ALLOWED)
 
