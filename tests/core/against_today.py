@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vlmb.coordinates import kinematics
 from vlmb.core import opcodes, quantities, tree
 from vlmb.core.rows import OF_ANGLES, OF_POSITIONS, OF_VELOCITIES
-from vlmb.mechanism import Mechanism
-from vlmb.model_tape import CompiledTape, Leaf
+from vlmb.model.coordinates import kinematics
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.tape import CompiledTape, Leaf
 
 AXES = "xyz"
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from vlmb.core import tape
 from vlmb.core.opcodes import LEAVES, PARAMETER, RATE, TIME, VALUE, make_buffers
-from vlmb.expressions import parse, walk
-from vlmb.model_tape import Leaf, compile_tape
+from vlmb.model.tape import Leaf, compile_tape
+from vlmb.scene.expressions import parse, walk
 
 NAMES = {
     "t": Leaf(TIME),

@@ -6,8 +6,8 @@ import sys
 
 import mpmath
 import numpy as np
-from motions import Motion
 
+from tests.core.motions import Motion
 from vlmb.core import places, springs, tree
 
 LINE = [-1, 0, 0]

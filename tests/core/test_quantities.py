@@ -7,8 +7,8 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from motions import Motion, kinds, mechanisms, reference
 
+from tests.core.motions import Motion, kinds, mechanisms, reference
 from vlmb.core import angles, places, quantities, springs, tree
 
 

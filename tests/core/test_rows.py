@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from against_today import Vocabulary, forms, make_state, make_tree
 
-from vlmb.constraints import Rows
-from vlmb.coordinates import make_state as pinocchio_state
+from tests.core.against_today import Vocabulary, forms, make_state, make_tree
 from vlmb.core import rows, tape
 from vlmb.core.opcodes import make_buffers
 from vlmb.core.quantities import ELEVATION, add_accelerations
-from vlmb.expressions import parse, parse_equation
-from vlmb.frames import LinkFrames
-from vlmb.mechanism import build
-from vlmb.model_tape import compile_tape
-from vlmb.scene import load_scene
+from vlmb.model.coordinates import make_state as pinocchio_state
+from vlmb.model.mechanism import build
+from vlmb.model.tape import compile_tape
+from vlmb.scene.expressions import parse, parse_equation
+from vlmb.scene.scene import load_scene
+from vlmb.system.constraints import Rows
+from vlmb.system.frames import LinkFrames
 
 MORE = [
     "phi1 - phi0 = 0.2*t", "psi1_dot = -speed*abs(x_dot) + t", "xi1_1*xi1_2_dot**2 = min(legs.tip.x, y) + atan2(y, x)",

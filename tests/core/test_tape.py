@@ -7,29 +7,26 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
 import sympy
-from expressions_exact import NAMES, TEXTS, Played, jet_of_branch, jets_of, pruned, slope
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.core.expressions_exact import NAMES, TEXTS, Played, jet_of_branch, jets_of, pruned, slope
 from vlmb.core import opcodes, tape
 from vlmb.errors import ExpressionError
-from vlmb.expressions import evaluate, parse, parse_equation
-from vlmb.model_forms import show
-from vlmb.model_tape import Leaf, compile_tape
-
-HERE = Path(__file__).parent
+from vlmb.model.forms import show
+from vlmb.model.tape import Leaf, compile_tape
+from vlmb.scene.expressions import evaluate, parse, parse_equation
 
 
 @pytest.mark.parametrize("script", ["expressions_exact", "motions", "springs_exact"])
 def test_with_fifty_digits(script: str) -> None:
     done = subprocess.run(
-        [sys.executable, str(HERE / f"{script}.py")],
+        [sys.executable, "-m", f"tests.core.{script}"],
         env=os.environ | {"VLMB_JIT": "0"},
         capture_output=True,
         text=True,

@@ -11,8 +11,8 @@ from vlmb.core import opcodes
 from vlmb.core.enclosures import enclose
 from vlmb.core.tape import play_jets
 from vlmb.core.time_scan import TimeScale, set_parameters, set_time, time_breaks, time_jump, time_scale
-from vlmb.expressions import parse
-from vlmb.model_tape import Leaf, compile_tape
+from vlmb.model.tape import Leaf, compile_tape
+from vlmb.scene.expressions import parse
 
 PARAMETERS = np.array([2.0, 0.36])
 NAMES = {

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from vlmb.core import opcodes as core
-from vlmb.expressions import Tree
+from vlmb.scene.expressions import Tree
 
 
 @dataclass(frozen=True)

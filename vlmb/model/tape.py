@@ -11,8 +11,8 @@ import numpy as np
 from vlmb.core import opcodes as core
 from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE, Tape
 from vlmb.errors import ExpressionError
-from vlmb.expressions import Equation, Expression, Tree, apply, failure
-from vlmb.model_forms import Form, RowFacts, form_of, show
+from vlmb.model.forms import Form, RowFacts, form_of, show
+from vlmb.scene.expressions import Equation, Expression, Tree, apply, failure
 
 MAX_ROWS, MAX_OPERATIONS = 2000, 50_000
 
