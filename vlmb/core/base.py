@@ -12,7 +12,7 @@ Where there is no heading the axes are zero, and so is tau. Accelerations are le
 from __future__ import annotations
 
 from vlmb.core import scratch as c
-from vlmb.core.jit import cos, kernel, sin
+from vlmb.core.jit import cos, kernel, reciprocal, sin
 from vlmb.core.tree import (
     ANCHOR,
     BASE_INERTIA,
@@ -107,15 +107,16 @@ def hinge_of_root(tree: Tree, rows: Array, i: int) -> Vector:
 @kernel(inline=True)
 def solve3(m: Sym3, f: Vector) -> tuple[bool, Vector]:
     """Solve M x = f by L D L'; returns whether M is positive definite, and x."""
-    first = 1.0 / m.xx
+    first = reciprocal(m.xx)
     below, last = first * m.xy, first * m.xz
     yy, yz, zz = m.yy - below * m.xy, m.yz - below * m.xz, m.zz - last * m.xz
-    second = 1.0 / yy
+    second = reciprocal(yy)
     corner = second * yz
     rest = zz - corner * yz
+    third = reciprocal(rest)
     sound = m.xx > 0.0 and yy > TINY * m.yy and rest > TINY * m.zz
     two = f.y - below * f.x
-    z = (f.z - last * f.x - corner * two) / rest
+    z = third * (f.z - last * f.x - corner * two)
     y = second * two - corner * z
     return sound, Vector(first * f.x - below * y - last * z, y, z)
 

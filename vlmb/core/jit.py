@@ -62,10 +62,22 @@ def _of_any_number(name: str) -> Callable[..., Any]:
     return function
 
 
+@kernel(inline=True)
+def reciprocal(x: float) -> float:
+    """1 / x; Python would raise at 0 where a kernel is about to return a fault."""
+    return 1.0 / x
+
+
 sqrt: Callable[[float], float]
 sin: Callable[[float], float]
 cos: Callable[[float], float]
 if COMPILED:
     from math import cos, sin, sqrt
 else:
+    divide = reciprocal
+
+    def reciprocal(x: float) -> float:
+        """1 / x, and 0 at 0, where a kernel is about to return a fault."""
+        return divide(x) if x != 0 else 0.0 * x
+
     sqrt, sin, cos = (_of_any_number(name) for name in ("sqrt", "sin", "cos"))
