@@ -31,17 +31,24 @@ def kernel(
 ) -> Function | Callable[[Function], Function]:
     """Compile a function on its first call, once on this machine.
 
-    `inline` makes it a part of every caller instead: for small functions. `allocates` lets it make arrays.
+    `inline` makes it a part of every kernel that calls it, and leaves it plain Python for Python: for small functions.
+    `allocates` lets it make arrays.
     """
     options = OPTIONS | {"_nrt": allocates, "boundscheck": MODE == "bounds"}
 
     def decorate(function: Function) -> Function:
         if not COMPILED:
             return function
-        if MODE == "bounds" or inline:
+        if inline:
+            from numba.extending import register_jitable
+
+            # compiled where kernels call it and in no other form: what Python would call is half of the compiling
+            whole = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            return register_jitable(**whole, **options)(function)
+        if MODE == "bounds":
             import numba
 
-            return cast(Function, numba.njit(forceinline=inline, **options)(function))
+            return cast(Function, numba.njit(**options)(function))
         return cache.compiled(function, options)
 
     return decorate if function is None else decorate(function)
