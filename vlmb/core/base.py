@@ -191,6 +191,18 @@ def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: 
 
 
 @kernel(inline=True)
+def write_edge(tree: Tree, rows: Array) -> None:
+    """Write the force of a reduced knife edge: what ski and links ask for sideways."""
+    n = tree.shape[LINKS]
+    if tree.shape[BASE_KIND] == SKI:
+        _, left = heading(tree, rows)
+        point, yaw, mass = row_vector(rows, n, c.POINT), rows[n, c.YAW], tree.base[BASE_MASS]
+        felt = add(times(row_sym3(rows, n, c.SUM), point), row_vector(rows, n, c.FORCE))
+        felt = add_scaled(add_scaled(felt, yaw, row_vector(rows, n, c.TURN_SUM)), mass, point)
+        rows[n, c.EDGE] = dot(left, felt) + mass * tree.base[COM_OFFSET] * yaw
+
+
+@kernel(inline=True)
 def drive_base(tree: Tree, y: Array, dy: Array, rows: Array) -> None:
     """Write the rates of the base's positions."""
     n = tree.shape[LINKS]

@@ -75,11 +75,24 @@ def reciprocal(x: float) -> float:
     return 1.0 / x
 
 
-sqrt: Callable[[float], float]
-sin: Callable[[float], float]
-cos: Callable[[float], float]
+# typed once for both modes
+sqrt: Callable[..., float]
+sin: Callable[..., float]
+cos: Callable[..., float]
+tan: Callable[..., float]
+asin: Callable[..., float]
+acos: Callable[..., float]
+atan: Callable[..., float]
+atan2: Callable[..., float]
+sinh: Callable[..., float]
+cosh: Callable[..., float]
+tanh: Callable[..., float]
+exp: Callable[..., float]
+log: Callable[..., float]
+hypot: Callable[..., float]
+floor: Callable[..., float]
 if COMPILED:
-    from math import cos, sin, sqrt
+    from math import acos, asin, atan, atan2, cos, cosh, exp, floor, hypot, log, sin, sinh, sqrt, tan, tanh
 else:
     divide = reciprocal
 
@@ -87,4 +100,6 @@ else:
         """1 / x, and 0 at 0, where a kernel is about to return a fault."""
         return divide(x) if x != 0 else 0.0 * x
 
-    sqrt, sin, cos = (_of_any_number(name) for name in ("sqrt", "sin", "cos"))
+    sqrt, sin, cos, tan, asin = (_of_any_number(name) for name in ("sqrt", "sin", "cos", "tan", "asin"))
+    acos, atan, atan2, sinh, cosh = (_of_any_number(name) for name in ("acos", "atan", "atan2", "sinh", "cosh"))
+    tanh, exp, log, hypot, floor = (_of_any_number(name) for name in ("tanh", "exp", "log", "hypot", "floor"))
