@@ -20,7 +20,8 @@ from tests.core.trees import Case, Link
 from vlmb.core import tree as t
 from vlmb.core.energy import energies, places
 from vlmb.core.links import accelerate, respond
-from vlmb.core.scratch import Scratch, axial_forces, make_scratch
+from vlmb.core.scratch import Scratch, axial_forces, edge_force, make_scratch
+from vlmb.core.tree import Tree
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = (t.PIVOT, t.FREE, t.SKI, t.SLIDING)
@@ -141,6 +142,20 @@ def test_lengths_of_directions_and_rates_along_them_do_not_matter(case: Case, no
         y[d] *= norm
     found, _ = evaluate(case._replace(y=y))
     assert relative(found, right) < 1e-13
+
+
+@settings(max_examples=30, deadline=None)
+@drawn(st.integers(0, 10**6), st.booleans())
+def test_the_knife_edge_holds_a_ski_that_could_slide(seed: int, on_rod: bool) -> None:
+    ski = trees.make(t.SKI, [Link(), Link(0, on_rod), Link()], seed)
+    tree, y, given, force = ski
+    p, more = tree.shape[t.POSITIONS], tree.link.copy()
+    more[:, t.AT_V] += 1
+    dy, scratch = evaluate(ski)
+    free = Tree(tree.shape + np.array([t.SLIDING - t.SKI, 0, 1, 0]), tree.base, more, tree.real)
+    sliding = Case(free, np.insert(y, p + 1, 0.0), given, np.insert(force, 1, edge_force(scratch)))
+    right = np.insert(dy, p + 1, 0.0)
+    assert relative(evaluate(sliding)[0], right) < 1e-13
 
 
 def fault_of(case: Case) -> tuple[int, int]:

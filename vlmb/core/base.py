@@ -12,7 +12,7 @@ Where there is no heading the axes are zero, and so is tau. Accelerations are le
 from __future__ import annotations
 
 from vlmb.core import scratch as c
-from vlmb.core.jit import cos, kernel, sin
+from vlmb.core.jit import cos, kernel, reciprocal, sin
 from vlmb.core.tree import (
     ANCHOR,
     BASE_INERTIA,
@@ -107,15 +107,16 @@ def hinge_of_root(tree: Tree, rows: Array, i: int) -> Vector:
 @kernel(inline=True)
 def solve3(m: Sym3, f: Vector) -> tuple[bool, Vector]:
     """Solve M x = f by L D L'; returns whether M is positive definite, and x."""
-    first = 1.0 / m.xx
+    first = reciprocal(m.xx)
     below, last = first * m.xy, first * m.xz
     yy, yz, zz = m.yy - below * m.xy, m.yz - below * m.xz, m.zz - last * m.xz
-    second = 1.0 / yy
+    second = reciprocal(yy)
     corner = second * yz
     rest = zz - corner * yz
+    third = reciprocal(rest)
     sound = m.xx > 0.0 and yy > TINY * m.yy and rest > TINY * m.zz
     two = f.y - below * f.x
-    z = (f.z - last * f.x - corner * two) / rest
+    z = third * (f.z - last * f.x - corner * two)
     y = second * two - corner * z
     return sound, Vector(first * f.x - below * y - last * z, y, z)
 
@@ -187,6 +188,18 @@ def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: 
     put_row(rows, n, c.POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
     rows[n, c.YAW] = found.z
     return 0 if sound else FREE_BASE
+
+
+@kernel(inline=True)
+def write_edge(tree: Tree, rows: Array) -> None:
+    """Write the force of a reduced knife edge: what ski and links ask for sideways."""
+    n = tree.shape[LINKS]
+    if tree.shape[BASE_KIND] == SKI:
+        _, left = heading(tree, rows)
+        point, yaw, mass = row_vector(rows, n, c.POINT), rows[n, c.YAW], tree.base[BASE_MASS]
+        felt = add(times(row_sym3(rows, n, c.SUM), point), row_vector(rows, n, c.FORCE))
+        felt = add_scaled(add_scaled(felt, yaw, row_vector(rows, n, c.TURN_SUM)), mass, point)
+        rows[n, c.EDGE] = dot(left, felt) + mass * tree.base[COM_OFFSET] * yaw
 
 
 @kernel(inline=True)

@@ -7,7 +7,7 @@ from vlmb.core import scratch as c
 from vlmb.core.jit import kernel
 from vlmb.core.plain import Applied, Bias, Body, body_of, factor, load
 from vlmb.core.rods import Moments, factor_rod, load_rod, whirl
-from vlmb.core.segments import Heading, Segments, heading_of, is_free, place_on_parent, segments_of
+from vlmb.core.segments import Heading, Segments, heading_of, is_free, norm_of, place_on_parent, segments_of
 from vlmb.core.tree import (
     AT_V,
     CENTRE,
@@ -114,9 +114,9 @@ def keep_motion(rows: Array, i: int, heading: Heading, turn: Pair, bias: Bias) -
 def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int) -> int:
     """Factor and load link i and hand on what its hinge feels; returns a fault."""
     lower_free, upper_free = is_free(tree, i)
-    heading, segments, real = heading_of(tree, y, i), segments_of(tree, y, given, force, i), tree.real
-    if not 0.0 < heading.norm < INFINITY:
+    if not 0.0 < norm_of(tree, y, i) < INFINITY:
         return NO_DIRECTION
+    heading, segments, real = heading_of(tree, y, i), segments_of(tree, y, given, force, i), tree.real
     axes = axes_of(heading.d)
     turn = across(axes, heading.rate)
     centre, beyond = segments.lower + real[i, CENTRE], real[i, LENGTH] - real[i, CENTRE] + segments.upper
@@ -126,10 +126,14 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
     tip, tip_force = into_blocks(axes, row_sym3(rows, i, c.TIP_INERTIA)), into(axes, row_vector(rows, i, c.TIP_FORCE))
     if tree.link[i, ROD_CHILDREN] == 0:
         fault, factors, inertia = factor(lower_free, upper_free, body, tip)
+        if fault != 0:
+            return fault
         felt, held = load(lower_free, upper_free, body, factors, applied, bias, tip_force)
     else:
         sums, (children, moment) = sums_of(rows, axes, i), forces_on_rod(rows, axes, i)
         fault, factors, rod, inertia = factor_rod(lower_free, upper_free, body, tip, sums)
+        if fault != 0:
+            return fault
         whirling, whirling_moment = whirl(sums, body.mass * body.centre, dot2(turn, turn))
         children, moment = add_parts(children, whirling), add_scaled2(moment, 1.0, whirling_moment)
         felt, held, rod_load = load_rod(lower_free, upper_free, body, factors, rod, applied, bias, tip_force, children, moment)
@@ -142,7 +146,7 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
     keep_motion(rows, i, heading, turn, bias)
     hang_inertia(tree, rows, i, place, out_of_blocks(axes, inertia))
     hang_force(tree, rows, i, place, out_of(axes, felt.along, felt.across))
-    return fault
+    return 0
 
 
 @kernel(inline=True)

@@ -31,17 +31,24 @@ def kernel(
 ) -> Function | Callable[[Function], Function]:
     """Compile a function on its first call, once on this machine.
 
-    `inline` makes it a part of every caller instead: for small functions. `allocates` lets it make arrays.
+    `inline` makes it a part of every kernel that calls it, and leaves it plain Python for Python: for small functions.
+    `allocates` lets it make arrays.
     """
     options = OPTIONS | {"_nrt": allocates, "boundscheck": MODE == "bounds"}
 
     def decorate(function: Function) -> Function:
         if not COMPILED:
             return function
-        if MODE == "bounds" or inline:
+        if inline:
+            from numba.extending import register_jitable
+
+            # compiled where kernels call it and in no other form: what Python would call is half of the compiling
+            whole = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            return register_jitable(**whole, **options)(function)
+        if MODE == "bounds":
             import numba
 
-            return cast(Function, numba.njit(forceinline=inline, **options)(function))
+            return cast(Function, numba.njit(**options)(function))
         return cache.compiled(function, options)
 
     return decorate if function is None else decorate(function)
@@ -62,10 +69,37 @@ def _of_any_number(name: str) -> Callable[..., Any]:
     return function
 
 
-sqrt: Callable[[float], float]
-sin: Callable[[float], float]
-cos: Callable[[float], float]
+@kernel(inline=True)
+def reciprocal(x: float) -> float:
+    """1 / x; Python would raise at 0 where a kernel is about to return a fault."""
+    return 1.0 / x
+
+
+# typed once for both modes
+sqrt: Callable[..., float]
+sin: Callable[..., float]
+cos: Callable[..., float]
+tan: Callable[..., float]
+asin: Callable[..., float]
+acos: Callable[..., float]
+atan: Callable[..., float]
+atan2: Callable[..., float]
+sinh: Callable[..., float]
+cosh: Callable[..., float]
+tanh: Callable[..., float]
+exp: Callable[..., float]
+log: Callable[..., float]
+hypot: Callable[..., float]
+floor: Callable[..., float]
 if COMPILED:
-    from math import cos, sin, sqrt
+    from math import acos, asin, atan, atan2, cos, cosh, exp, floor, hypot, log, sin, sinh, sqrt, tan, tanh
 else:
-    sqrt, sin, cos = (_of_any_number(name) for name in ("sqrt", "sin", "cos"))
+    divide = reciprocal
+
+    def reciprocal(x: float) -> float:
+        """1 / x, and 0 at 0, where a kernel is about to return a fault."""
+        return divide(x) if x != 0 else 0.0 * x
+
+    sqrt, sin, cos, tan, asin = (_of_any_number(name) for name in ("sqrt", "sin", "cos", "tan", "asin"))
+    acos, atan, atan2, sinh, cosh = (_of_any_number(name) for name in ("acos", "atan", "atan2", "sinh", "cosh"))
+    tanh, exp, log, hypot, floor = (_of_any_number(name) for name in ("tanh", "exp", "log", "hypot", "floor"))

@@ -40,6 +40,7 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
     fault = base.move_base(tree, base.base_bias(tree, y, rows), force, dy, tree.shape[POSITIONS], rows)
     if fault != 0:
         return fault * PLACES + n
+    base.write_edge(tree, rows)
     base.drive_base(tree, y, dy, rows)
     for i in range(n):
         spread(tree, y, dy, rows, i)
@@ -50,7 +51,7 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
 def respond(tree: Tree, y: Array, force: Array, out: Array, scratch: Scratch) -> int:
     """Write what generalized forces alone add to the accelerations, M^-1 Q, where `accelerate` was last; returns a code.
 
-    force, out (velocities,); given segments do not accelerate. Overwrites the loads in `scratch`, keeps factors and axial forces.
+    force, out (velocities,); given segments do not accelerate. Overwrites the loads in `scratch`, keeps factors and reactions.
     """
     n, rows = tree.shape[LINKS], scratch.rows
     clear_forces(tree, rows)

@@ -75,6 +75,8 @@ def write_lengths(tree: Tree, i: int, body: Body, hinge: Parts, moved: Move, squ
 def write_axial(tree: Tree, rows: Array, i: int, body: Body, factors: Factors, bias: Bias, hinge: Parts, moved: Move) -> None:
     """Write the forces that given segments take: what tip and rod together, or the tip alone, ask for along the link."""
     lower_free, upper_free = is_free(tree, i)
+    if lower_free and upper_free:
+        return  # they stay 0
     at_tip = factors.weight * moved.tip_along + dot2(factors.mixed, moved.tip_across) + rows[i, c.TIP_ALONG]
     rows[i, c.AXIAL + 1] = 0.0 * at_tip if upper_free else at_tip
     if lower_free:

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import kernel, reciprocal
 from vlmb.core.tree import FREE_ROD, FREE_TIP, TINY, TURNING
 from vlmb.core.vectors import (
     Blocks,
@@ -119,9 +119,9 @@ def seen_across(lower_free: bool, upper_free: bool, mass: float, tip: Blocks) ->
     if not lower_free and not upper_free:
         return 0, tip.across, 0.0
     weight = tip.along if upper_free else mass + tip.along
-    fault = 0 if weight > TINY * (tip.across.one + tip.across.two) else FREE_TIP
-    inverse = 1.0 / weight
-    return fault, less_square2(tip.across, inverse, tip.mixed), inverse
+    sound = weight > TINY * (tip.across.one + tip.across.two)
+    inverse = reciprocal(weight)
+    return 0 if sound else FREE_TIP, less_square2(tip.across, inverse, tip.mixed), inverse
 
 
 @kernel(inline=True)
@@ -136,7 +136,7 @@ def factor(lower_free: bool, upper_free: bool, body: Body, tip: Blocks) -> tuple
     det = body.hinge_inertia * own + square * beyond
     if fault == 0 and not det > TINY * own * own:
         fault = TURNING
-    k = 1.0 / det
+    k = reciprocal(det)
     yielding = add_unit2(k * square, adjugate2(seen), k * body.hinge_inertia)
     far = body.inertia + body.mass * body.beyond * body.beyond
     across = add_unit2(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import kernel, reciprocal
 from vlmb.core.plain import Applied, Bias, Body, Factors, Move, TipLoad, seen_across
 from vlmb.core.tree import FREE_TIP, TINY, TURNING
 from vlmb.core.vectors import (
@@ -83,7 +83,7 @@ def factor_rod(
     det, trace = determinant2(turning), turning.one + turning.two
     if fault == 0 and not det > TINY * trace * trace:
         fault = TURNING
-    yielding = add_unit2(1.0 / det, adjugate2(turning), 0.0)
+    yielding = add_unit2(reciprocal(det), adjugate2(turning), 0.0 * det)
     weight = axial
     axial = axial - dot2(turn_along, times2(yielding, turn_along))
     mixed = add_scaled2(mixed, -1.0, times2(turn_across, times2(yielding, turn_along)))
@@ -92,10 +92,10 @@ def factor_rod(
     rod = RodFactors(turn_along, turn_across, axial, mixed)
     if not lower_free:
         return fault, factors, rod, Blocks(axial, mixed, cross)
+    zero = 0.0 * axial
     if fault == 0 and not axial > TINY * weight:
         fault = FREE_TIP
-    zero = 0.0 * axial
-    return fault, factors, rod, Blocks(zero, Pair(zero, zero), less_square2(cross, 1.0 / axial, mixed))
+    return fault, factors, rod, Blocks(zero, Pair(zero, zero), less_square2(cross, reciprocal(axial), mixed))
 
 
 @kernel(inline=True)

@@ -58,10 +58,17 @@ def is_free(tree: Tree, i: int) -> tuple[bool, bool]:
 
 
 @kernel(inline=True)
+def norm_of(tree: Tree, y: Array, i: int) -> float:
+    """Read |d| of link i."""
+    raw = vector(y, tree.link[i, AT_P])
+    return sqrt(dot(raw, raw))
+
+
+@kernel(inline=True)
 def heading_of(tree: Tree, y: Array, i: int) -> Heading:
     """Read the direction of link i."""
     raw, rate = vector(y, tree.link[i, AT_P]), vector(y, tree.shape[POSITIONS] + tree.link[i, AT_V])
-    norm = sqrt(dot(raw, raw))
+    norm = norm_of(tree, y, i)
     return Heading(scale(1.0 / norm, raw), norm, rate)
 
 
