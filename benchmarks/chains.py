@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vlmb
+from vlmb.core import tree as t
+from vlmb.core.tree import Tree
 from vlmb.model.coordinates import Layout
 from vlmb.model.mechanism import Mechanism
 
@@ -28,6 +30,25 @@ def chain(base: str, links: int) -> vlmb.Scene:
     """A chain of equal links with spring legs."""
     link = {"rod": {"length": ROD, "mass": MASS}, "lower": LEG, "upper": LEG, "tip_mass": TIP}
     return vlmb.Scene.from_dict({"base": BASES[base], "links": [link] * links, "run": {"fall": False}})
+
+
+def core_chain(base: str, n: int) -> tuple[Tree, Array]:
+    """The same chain as arrays of the core, and a state in motion."""
+    random, ski = np.random.default_rng(n), base == "ski"
+    p, v = (3, 2) if ski else (0, 0)
+    link, real = np.zeros((n, 8), np.int64), np.zeros((n, 16))
+    spring = (LEG["stiffness"], LEG["length"], 0.0)
+    for i in range(n):
+        link[i] = i - 1, t.TIP, p + 5 * i, v + 5 * i, 1, 1, 0, 1
+        real[i, : t.ON_ROD] = ROD, MASS, ROD / 2, MASS * ROD**2 / 12, TIP, *spring, *spring
+    own = [BASES["ski"][key] for key in ("mass", "inertia", "com_offset")]
+    tree = Tree(np.array([t.SKI if ski else t.PIVOT, p + 5 * n, v + 5 * n, n]), np.array([*own, 0.0, 0.0, -9.81]), link, real)
+    y = 0.3 * random.normal(size=p + v + 10 * n)
+    for i in range(n):
+        d = random.normal(size=3)
+        y[p + 5 * i : p + 5 * i + 3] = d / np.linalg.norm(d)
+        y[p + 5 * i + 3 : p + 5 * i + 5] = random.uniform(0.05, 0.15, 2)
+    return tree, y
 
 
 def posture(mechanism: Mechanism, seed: int) -> vlmb.State:

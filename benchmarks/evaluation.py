@@ -4,7 +4,8 @@ Usage: python benchmarks/evaluation.py
 
 Bare calls: `crba` and `nonLinearEffects`, the least that any dense formulation asks for; `aba` alone is the other yardstick.
 Error: direction and length accelerations beside mass points and Lagrange's equations in extended precision, as far as that can
-be factored. Every way of evaluating is measured where it fits; `simulate` takes one of them by the number of links.
+be factored. Every way of evaluating is measured where it fits; `simulate` takes one of them by the number of links. The compiled
+core evaluates in a compiled loop, as its drivers do.
 """
 
 from __future__ import annotations
@@ -20,11 +21,15 @@ from typing import TYPE_CHECKING, Any
 from common import interleaved, micro, table, write_report
 
 # isort: split
+import numba
 import numpy as np
 import pinocchio as pin
-from chains import BASES, LEG, LONG, MASS, ROD, TIP, chain, largest_error, posture, reference
+from chains import BASES, LEG, LONG, MASS, ROD, TIP, Array, chain, core_chain, largest_error, posture, reference
 
 import vlmb
+from vlmb.core.links import accelerate, respond
+from vlmb.core.scratch import Scratch, make_scratch
+from vlmb.core.tree import VELOCITIES, Tree
 from vlmb.model.long_chains import LONG_CHAIN
 from vlmb.model.mechanism import Mechanism, build, data_bytes
 from vlmb.system.dynamics import Dynamics
@@ -41,6 +46,7 @@ LINKS = {
 ONE_MODEL = 100  # links whose single Data still fits into a few GB
 EXACT = 200  # links whose exact accelerations can be factored in extended precision
 STATES = 2
+INSIDE = 20000  # links that the core goes through in one batch
 HELD = (1, 8, 24, 50, 100, 200, 500, 1000)  # links whose memory is measured
 
 
@@ -55,6 +61,32 @@ def evaluation(mechanism: Mechanism, state: vlmb.State, way: str | None = None) 
     y, first = dynamics.pack(state), dynamics.nq
     rhs, last = dynamics.rhs, first + dynamics.nv
     return lambda: rhs(0.0, y)[first:last]
+
+
+@numba.njit(_nrt=False)
+def many(count: int, tree: Tree, y: Array, given: Array, force: Array, dy: Array, scratch: Scratch) -> None:
+    """Evaluate over and over."""
+    for _ in range(count):
+        accelerate(tree, y, given, force, dy, scratch)
+
+
+@numba.njit(_nrt=False)
+def many_responses(count: int, tree: Tree, y: Array, force: Array, dy: Array, scratch: Scratch) -> None:
+    """Respond over and over."""
+    for _ in range(count):
+        respond(tree, y, force, dy, scratch)
+
+
+def core_seconds(base: str, n: int) -> dict[str, float]:
+    """Seconds of one evaluation by the core, and of one response to forces with its factors."""
+    tree, y = core_chain(base, n)
+    given, force, dy, scratch = np.zeros((n, 6)), np.ones(tree.shape[VELOCITIES]), np.zeros_like(y), make_scratch(tree)
+    inside = max(1, INSIDE // n)
+    found = interleaved({
+        "core": lambda: many(inside, tree, y, given, force, dy, scratch),
+        "respond": lambda: many_responses(inside, tree, y, force, dy, scratch),
+    })  # fmt: skip
+    return {name: seconds / inside for name, seconds in found.items()}
 
 
 def seconds(mechanism: Mechanism) -> dict[str, float]:
@@ -108,7 +140,7 @@ def measure() -> dict[str, Any]:
         data["time"][base], data["error"][base] = {}, {}
         for n in sizes:
             mechanism = build(chain(base, n))
-            data["time"][base][n] = seconds(mechanism)
+            data["time"][base][n] = seconds(mechanism) | core_seconds(base, n)
             data["error"][base][n] = errors(mechanism) if n <= EXACT else {}
             del mechanism
             gc.collect()
@@ -125,15 +157,16 @@ def rows(data: dict[str, Any], base: str) -> list[tuple[str, ...]]:
         ours, error = time["recursive" if n <= LONG_CHAIN else "subchains"], data["error"][base][n]
         yardsticks = [f"{ours / time[name]:.2f}" if name in time else "-" for name in ("bare", "aba")]
         times = [micro(time[way]) if way in time else "-" for way in WAYS]
+        core = [micro(time["core"]), f"{time['core'] / time['aba']:.3f}" if "aba" in time else "-", micro(time["respond"])]
         wrong = [f"{error[way]:.1e}" if way in error else "-" for way in WAYS]
-        found.append((f"{base}, {n}", micro(ours), *yardsticks, *times, *wrong))
+        found.append((f"{base}, {n}", micro(ours), *yardsticks, *core, *times, *wrong))
     return found
 
 
 def report(data: dict[str, Any]) -> list[str]:
     """Parts of the page."""
     columns = (*(f"{way}, us" for way in WAYS), *(f"error {way}" for way in WAYS))
-    header = ("chain", "ours, us", "ours / bare", "ours / aba", *columns)
+    header = ("chain", "ours, us", "ours / bare", "ours / aba", "core, us", "core / aba", "its response, us", *columns)
     held, last = data["memory"], HELD[-1]
     sizes = [(n, f"{held[n] / 2**20:.4g}", f"{data_bytes(5 * n) / 2**20:.4g}") for n in HELD]
     return [
@@ -144,7 +177,8 @@ def report(data: dict[str, Any]) -> list[str]:
         f"{np.finfo(LONG).nmant + 1} bits (double: 53).",
         table(header, [row for base in BASES for row in rows(data, base)]),
         f"*Ours* is what `simulate` takes for springs and dampers: one pass through one model up to {LONG_CHAIN} links, which "
-        "loses digits beyond; then as many sub-chains as links, joined by a banded solve. Everything else is dense.",
+        "loses digits beyond; then as many sub-chains as links, joined by a banded solve. Everything else is dense. "
+        "*Core* is the compiled recursion over links.",
         "![time and error over the number of links](evaluation.png)",
         "## Memory",
         "What a process grows by when it builds and evaluates a chain on a pivot, and an estimate of one model's "

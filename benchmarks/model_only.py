@@ -16,8 +16,6 @@ from common import MODELS, interleaved, micro, table, write_report
 
 # isort: split
 import msgspec
-import numpy as np
-import pinocchio as pin
 
 import vlmb
 from vlmb.model.mechanism import build
@@ -30,7 +28,6 @@ PARTS = {
     "last segment as a joint": "a segment on which nothing hangs gets a millionth of its rod's mass at its end",
     "programme": "the scene over itself without one",
     "reactions": "every reaction and force by name with the evaluation",
-    "geometry": "a box for every rod, moved along by `updateGeometryPlacements`",
 }
 PROCESSES = {"numpy": "import numpy", "bare": "import pinocchio, scipy.integrate", "vlmb": "import vlmb"}
 PROCESS = """
@@ -59,23 +56,6 @@ class Prepared:
     def reactions(self) -> None:
         """Evaluate once with all reactions."""
         self.dynamics.evaluate(0.0, self.y)
-
-    def geometry(self) -> Call:
-        """One evaluation with a box for every rod kept in its place."""
-        import coal
-
-        model, data, made = self.mechanism.model, self.mechanism.data, pin.GeometryModel()
-        for link in self.mechanism.layout.links:
-            frame = model.frames[self.mechanism.frames[f"{link.name}.rod_start"]]
-            shape = coal.Box(max(link.rod_length, 1e-3), 0.05, 0.05)
-            made.addGeometryObject(pin.GeometryObject(link.name, frame.parentJoint, frame.placement, shape))
-        placed, q = made.createData(), np.array(self.y[: model.nq])
-
-        def call() -> None:
-            self.rhs()
-            pin.updateGeometryPlacements(model, data, made, placed, q)
-
-        return call
 
 
 def held(scene: vlmb.Scene) -> vlmb.Scene:
@@ -115,8 +95,6 @@ def measure_scene(path: Path) -> dict[str, Any]:
     except vlmb.SingularError:  # at its start, which it is there to show
         return found
     functions: dict[str, Call] = {"": plain.rhs, "reactions": plain.reactions}
-    if scene.links:
-        functions["geometry"] = plain.geometry()
     if scene.programme is not None:
         functions["none"] = Prepared(msgspec.structs.replace(scene, programme=None)).rhs
     for part, more in zip(PARTS, (held(scene), hung(scene)), strict=False):
