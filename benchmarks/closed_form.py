@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from common import interleaved, save_figure, table, write_report
+from common import interleaved, table, write_report
 
 # isort: split
 import numpy as np
@@ -180,8 +180,8 @@ def main() -> None:
         }
         print(f"n = {n}: largest error {max(results[n]['errors'].values()):.1e}, {results[n]['seconds']}")
         del mechanism  # its Data may be gigabytes
-    write_report("closed_form", report(results), {"postures": POSTURES, "results": results})
-    print(save_figure("closed_form", lambda figure: draw(figure, results), 9.0, 4.8))
+    picture = (lambda figure: draw(figure, results), 9.0, 4.8)
+    write_report("closed_form", [report(results)], {"postures": POSTURES, "results": results}, picture=picture)
 
 
 if __name__ == "__main__":

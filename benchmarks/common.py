@@ -1,4 +1,4 @@
-"""What all benchmarks share: timing, the footer with machine and versions, reports and figures in benchmarks/results.
+"""What all benchmarks share: timing, and one way to report in benchmarks/results.
 
 Import it before numpy (`# isort: split` below the import): it asks BLAS for one thread, without which small matrices are timed
 by chance.
@@ -10,7 +10,6 @@ import gc
 import json
 import math
 import os
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,35 +17,26 @@ from typing import TYPE_CHECKING, Any
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # measure this tree, installed or not
+
+from vlmb.studies.bench import footer, table  # noqa: E402
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = ["CLOCK", "MODELS", "PACKAGES", "RESULTS", "interleaved", "micro", "save_figure", "table", "write_report"]
+
 RESULTS = Path(__file__).resolve().parent / "results"
+MODELS = RESULTS.parents[1] / "models"
 PACKAGES = ("pin", "numpy", "scipy")
 CLOCK = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-6 else time.perf_counter
 
 
-def footer(packages: Sequence[str] = PACKAGES) -> str:
-    """One line: machine, system, and versions of Python and of the packages that are installed."""
-    from vlmb.studies.bench import footer
-
-    return footer(packages)
-
-
-def fastest(function: Callable[[], object], repeats: int = 20, number: int | None = None) -> float:
-    """Seconds of one call: the fastest of `repeats` batches of `number` calls after a warm-up.
-
-    Without `number` a batch lasts about 3 ms. Seconds are those of this thread, so that other work of the machine does not count;
-    a function that starts threads needs `time.perf_counter` around it instead. Read the result as a ratio to another one of the
-    same run.
-    """
-    return interleaved({"": function}, repeats, number)[""]
-
-
 def interleaved(functions: Mapping[str, Callable[[], object]], repeats: int = 20, number: int | None = None) -> dict[str, float]:
-    """Seconds of one call of each function by name, batches taken in turn, so that a slow spell of the machine hits all."""
+    """Seconds of one call of each function by name: the fastest of `repeats` batches, taken in turn after a warm-up.
+
+    Without `number` a batch lasts about 3 ms. A slow spell of the machine hits all alike, and seconds are those of this thread,
+    so that other work does not count: read them as ratios. A function that starts threads needs `time.perf_counter` instead.
+    """
     numbers = {}
     for name, function in functions.items():
         function()
@@ -64,36 +54,44 @@ def interleaved(functions: Mapping[str, Callable[[], object]], repeats: int = 20
     return best
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Markdown table; the first column is aligned to the left, the others to the right."""
-    lines = ["| " + " | ".join(header) + " |", "| --- |" + " ---: |" * (len(header) - 1)]
-    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
-    return "\n".join(lines)
+def micro(seconds: float) -> str:
+    """Microseconds with three digits."""
+    return f"{1e6 * seconds:.3g}" if seconds < 1e-2 else f"{1e6 * seconds:.0f}"
 
 
-def write_report(name: str, markdown: str, data: Mapping[str, Any], packages: Sequence[str] = PACKAGES) -> list[Path]:
-    """Write results/NAME.md and results/NAME.json, both with the footer; return the files."""
+def write_report(
+    name: str,
+    parts: Sequence[str],
+    data: Mapping[str, Any],
+    packages: Sequence[str] = PACKAGES,
+    picture: tuple[Callable[[Figure], None], float, float] | None = None,
+) -> None:
+    """Print a page of parts; write results/NAME.md, NAME.json and NAME.png of a picture (function, width, height [inches]).
+
+    Machine and versions stand in the last line of the page and in the data.
+    """
     RESULTS.mkdir(exist_ok=True)
     where = footer(packages)
-    page, numbers = RESULTS / f"{name}.md", RESULTS / f"{name}.json"
-    page.write_text(f"{markdown.rstrip()}\n\nMeasured by `benchmarks/{name}.py` on {where}\n", encoding="utf-8")
-    numbers.write_text(json.dumps(_plain({**data, "machine": where}), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return [page, numbers]
+    text = "\n\n".join([*(part.strip("\n") for part in parts), f"Measured by `benchmarks/{name}.py` on {where}"])
+    print(text)
+    (RESULTS / f"{name}.md").write_text(f"{text}\n", encoding="utf-8")
+    numbers = json.dumps(_plain({**data, "machine": where}), indent=1, allow_nan=False)
+    (RESULTS / f"{name}.json").write_text(f"{numbers}\n", encoding="utf-8")
+    if picture is not None:
+        save_figure(name, *picture)
 
 
-def save_figure(name: str, draw: Callable[[Figure], None], width: float, height: float) -> Path:
+def save_figure(name: str, draw: Callable[[Figure], None], width: float, height: float) -> None:
     """Draw on an empty figure [inches] in the project's style and save it as results/NAME.png."""
     from matplotlib.figure import Figure
 
     from vlmb.views.style import style
 
     RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / f"{name}.png"
     with style():
         figure = Figure(figsize=(width, height), layout="constrained")
         draw(figure)
-        figure.savefig(path, dpi=150, metadata={"Software": None})
-    return path
+        figure.savefig(RESULTS / f"{name}.png", dpi=150, metadata={"Software": None})
 
 
 def _batch(function: Callable[[], object], number: int) -> float:

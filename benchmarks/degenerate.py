@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from common import save_figure, table, write_report
+from common import table, write_report
 
 # isort: split
 import numpy as np
@@ -218,8 +218,8 @@ def _cell(name: str, values: dict[str, Any], at: int) -> str:
 def main() -> None:
     """Measure, write the report and the picture."""
     results = measure()
-    write_report("degenerate", report(results), {"angles": ANGLES, "results": results})
-    print(save_figure("degenerate", lambda figure: draw(figure, results), 11.0, 8.2))
+    picture = (lambda figure: draw(figure, results), 11.0, 8.2)
+    write_report("degenerate", [report(results)], {"angles": ANGLES, "results": results}, picture=picture)
 
 
 if __name__ == "__main__":

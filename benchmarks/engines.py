@@ -9,7 +9,7 @@ import math
 import sys
 from typing import Any
 
-from common import save_figure, table, write_report
+from common import table, write_report
 
 # isort: split
 from work_precision import ERRORS, one_scene, ratio_rows
@@ -104,10 +104,7 @@ def draw(figure: Any, found: dict[str, dict[str, Any]]) -> None:
 def main() -> None:
     """Measure, write the report and the picture."""
     found = {name: one(name) for name in SCENES}
-    text = report(found)
-    print(text)
-    save_figure("engines", lambda figure: draw(figure, found), 11.0, 7.4)
-    write_report("engines", text, found, PACKAGES)
+    write_report("engines", [report(found)], found, PACKAGES, (lambda figure: draw(figure, found), 11.0, 7.4))
 
 
 if __name__ == "__main__":

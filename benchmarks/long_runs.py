@@ -1,14 +1,13 @@
 """Long runs: energy and angular momentum over 1e5 steps of fixed-step methods on a scene that keeps both.
 
-Usage: python benchmarks/long_runs.py [STEPS]
+Usage: python benchmarks/long_runs.py
 """
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
-from common import RESULTS, save_figure, table, write_report
+from common import MODELS, table, write_report
 
 # isort: split
 import numpy as np
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 STEPS = 100_000
 STEP = 0.02  # [s], 20 to 30 a period of the spring
 SAMPLES = 1000
+KEPT = ("first tenth", "last tenth", "drift", "steps", "evaluations", "seconds", "status")
 RUNS: dict[str, dict[str, Any]] = {
     "rk4": {"method": "rk4", "step": STEP},
     "gauss": {"method": "gauss", "step": STEP},
@@ -33,14 +33,12 @@ RUNS: dict[str, dict[str, Any]] = {
 }
 
 
-def one_run(mechanism: Mechanism, steps: int, options: dict[str, Any]) -> dict[str, Any]:
+def one_run(mechanism: Mechanism, options: dict[str, Any]) -> dict[str, Any]:
     """Energy error over the start's kinetic energy, error of the angular momentum about the vertical, and cost."""
-    times = np.linspace(0.0, steps * STEP, min(SAMPLES, steps) + 1)
+    times = np.linspace(0.0, STEPS * STEP, SAMPLES + 1)
     trajectory = simulate(mechanism, float(times[-1]), t_eval=times, **options)
     data = mechanism.data
-    turn = np.array(
-        [_about_vertical(mechanism, data, q, v) for q, v in zip(trajectory.q, trajectory.v, strict=True)]
-    )
+    turn = np.array([_about_vertical(mechanism, data, q, v) for q, v in zip(trajectory.q, trajectory.v, strict=True)])
     scale = float(trajectory["kinetic"][0])
     energy = trajectory["balance"] / scale
     length = len(energy) // 10
@@ -73,7 +71,7 @@ def draw(figure: Figure, results: dict[str, dict[str, Any]]) -> None:
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
-def report(results: dict[str, dict[str, Any]], steps: int) -> str:
+def report(results: dict[str, dict[str, Any]]) -> str:
     """Markdown."""
     rows = [
         [name, *(f"{run[key]:.1e}" for key in ("first tenth", "last tenth", "drift")), f"{np.abs(run['momentum']).max():.1e}",
@@ -86,7 +84,7 @@ def report(results: dict[str, dict[str, Any]], steps: int) -> str:
             "# Long runs",
             "",
             f"`models/one_link.toml` (a pivoted spring link: energy and the angular momentum about the vertical are kept), "
-            f"{steps} steps of {STEP:g} s. Largest energy error of the first and the last tenth of the run and the change of its "
+            f"{STEPS} steps of {STEP:g} s. Largest energy error of the first and the last tenth of the run and the change of its "
             "mean between them, over the first kinetic energy; largest relative error of the angular momentum.",
             "",
             table(header, rows),
@@ -101,15 +99,10 @@ def report(results: dict[str, dict[str, Any]], steps: int) -> str:
 
 def main() -> None:
     """Run, write the report and the picture."""
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else STEPS
-    mechanism = build(load_scene(RESULTS.parents[1] / "models" / "one_link.toml"))
-    results = {name: one_run(mechanism, steps, options) for name, options in RUNS.items()}
-    text = report(results, steps)
-    print(text)
-    if steps == STEPS:
-        save_figure("long_runs", lambda figure: draw(figure, results), 10.0, 4.0)
-        keep = ("first tenth", "last tenth", "drift", "steps", "evaluations", "seconds", "status")
-        write_report("long_runs", text, {name: {key: run[key] for key in keep} for name, run in results.items()})
+    mechanism = build(load_scene(MODELS / "one_link.toml"))
+    results = {name: one_run(mechanism, options) for name, options in RUNS.items()}
+    data = {name: {key: run[key] for key in KEPT} for name, run in results.items()}
+    write_report("long_runs", [report(results)], data, picture=(lambda figure: draw(figure, results), 10.0, 4.0))
 
 
 if __name__ == "__main__":

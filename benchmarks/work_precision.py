@@ -1,22 +1,19 @@
 """Work and precision of the committed scenes: every method, every form of the knife edge, and a plain Pinocchio loop.
 
-Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N] [--redraw]
+Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N]
 
-Without arguments all scenes are measured and benchmarks/results is written; `--redraw` writes page and pictures again from the
-stored numbers. Other engines: benchmarks/engines.py.
+Without arguments all scenes are measured and benchmarks/results is written. Other engines: benchmarks/engines.py.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import math
-import re
 from collections.abc import Sequence
 from typing import Any
 
-from common import RESULTS, save_figure, write_report
+from common import MODELS, save_figure, table, write_report
 
 # isort: split
 import numpy as np
@@ -25,12 +22,11 @@ from rivals import BASELINE, NEARBY, SAMPLED, Rival, end_of, ours, ratios_nearby
 
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.simulation.simulate import simulate
-from vlmb.studies.bench import ERRORS, as_data, section, table
-from vlmb.studies.work_precision import TIGHT, Array, Entry, Measured, Motion, Variant, cost_at, measure
+from vlmb.studies.bench import ERRORS, as_data, section
+from vlmb.studies.work_precision import TIGHT, Array, Measured, Motion, cost_at, measure
 from vlmb.views.style import BLACK, GREY, PALETTE
 from vlmb.views.work_precision_plots import COSTS, draw, legend
 
-MODELS = RESULTS.parents[1] / "models"
 TARGETS = {"one link": (0.40, 0.30, 0.33), "two links": (0.30, 0.30, 0.33), "skier, spring link": (0.30, 0.24, 0.35)}
 
 LEG = {"rod": {"length": 0.5, "mass": 30.0}, "tip_mass": 40.0, "name": "legs"}
@@ -226,54 +222,23 @@ def pictures(found: dict[str, tuple[Measured, dict[str, Any]]]) -> None:
         save_figure("work_precision_knife_edge", forms, 11.0, 3.8)
 
 
-def stored() -> tuple[dict[str, tuple[Measured, dict[str, Any]]], str]:
-    """Read what was measured from results/work_precision.json, and the line about the machine."""
-    data = json.loads((RESULTS / "work_precision.json").read_text(encoding="utf-8"))
-    machine, found = data.pop("machine"), {}
-    for name, scene in data.items():
-        entries = [
-            Entry(
-                Variant(run["method"], run["knife_edge"], run["gain"]), run["setting"], run["seconds"] or math.inf,
-                run["evaluations"], run["steps"], {key: tuple(pair) for key, pair in run["errors"].items()}, run["failure"],
-            )
-            for run in scene["runs"]
-        ]  # fmt: skip
-        own = {key: tuple(pair) for key, pair in scene["reference error"].items()}
-        entry = Measured(scene["scene"], scene["duration"], scene["reference"], own, entries, scene["left out"])
-        points = {label: [tuple(point) for point in line] for label, line in scene["points"].items()}
-        near = {  # null stands for what was not reached
-            label: [[math.nan if ratio is None else ratio for ratio in ratios] for ratios in starts]
-            for label, starts in scene.get("nearby", {}).items()
-        }
-        found[name] = (entry, {"points": points, "notes": scene["notes"], "nearby": near})
-    return found, machine
-
-
 def main() -> None:
     """Measure; write reports and pictures when all scenes were measured."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", help=f"default: all of {', '.join(scenes())}")
     parser.add_argument("--repeats", type=int, default=None)
-    parser.add_argument("--redraw", action="store_true", help="page and pictures again from the stored numbers")
     args = parser.parse_args()
-    if args.redraw:
-        found, machine = stored()
-        text = f"{page(found)}\n\nMeasured by `benchmarks/work_precision.py` on {machine}\n"
-        (RESULTS / "work_precision.md").write_text(text, encoding="utf-8")
-        pictures(found)
-        return
     found = {}
     for name in args.scenes or scenes():
         found[name] = one_scene(name, **({"repeats": args.repeats} if args.repeats else {}))
         if name in TARGETS:
             found[name][1]["nearby"] = ratios_nearby(*scenes()[name][:2])
         print(f"{name}: done", flush=True)
-    text = page(found)
-    print(re.sub(r"!\[.*\n", "", text))
-    if not args.scenes:
-        pictures(found)
-        data = {name: {**as_data(entry), **extra} for name, (entry, extra) in found.items()}
-        write_report("work_precision", text, data)
+    if args.scenes:
+        print(page(found))
+        return
+    pictures(found)
+    write_report("work_precision", [page(found)], {name: {**as_data(entry), **extra} for name, (entry, extra) in found.items()})
 
 
 if __name__ == "__main__":

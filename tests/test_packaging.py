@@ -18,8 +18,9 @@ import vlmb
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 HEAVY = ("sympy", "mpmath", "matplotlib", "meshcat", "tqdm")
-SCRIPTS = ("scripts/demo", "scripts/test", "scripts/gallery", "scripts/reproduce_figures", ".ci/run")
+SCRIPTS = ("scripts/demo", "scripts/test", "scripts/acceptance", "scripts/gallery", "scripts/reproduce_figures", ".ci/run")
 
 
 def blocks(language: str) -> list[str]:
@@ -112,6 +113,42 @@ def test_the_readme_names_files_that_exist() -> None:
     called = [line.split()[0] for line in commands() if line.startswith("scripts/")]
     assert called == ["scripts/demo", "scripts/test"]
     assert not [name for name in (*linked, *called) if not (ROOT / name).exists()]
+
+
+def test_what_a_newcomer_looks_for_is_where_contributing_says() -> None:
+    table = CONTRIBUTING.partition("## Where is ...?")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (.+?) \| `(\S+?)` \| `(.+?)` \|$", table, re.M)
+    assert len(rows) >= 20
+    stale = [f"{what}: no {name}" for what, name, _ in rows if not (ROOT / name).is_file()]
+    stale += [
+        f"{what}: no {text!r} in {name}"
+        for what, name, text in rows
+        if (ROOT / name).is_file() and text not in (ROOT / name).read_text(encoding="utf-8")
+    ]
+    assert not stale, "\n".join(["update CONTRIBUTING.md, Where is ...?", *stale])
+
+
+def test_contributing_names_files_that_exist() -> None:
+    names = set(re.findall(r"`((?:vlmb|tests|benchmarks|docs|scripts|models|\.ci)/[\w/.-]*)`", CONTRIBUTING))
+    assert len(names) > 25
+    assert not sorted(name for name in names if not (ROOT / name).exists())
+
+
+def test_nothing_puts_another_folder_on_the_path() -> None:
+    """What is imported is the vlmb that is installed; a folder put before it would hide that."""
+    folders = ("vlmb", "tests", "benchmarks", "scripts", "docs")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in ("", ".py", ".ipynb")]
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in files if path.is_file()}
+    assert [name for name, text in texts.items() if "sys" + ".path" in text] == []
+
+
+def test_the_benchmarks_find_what_they_measure() -> None:
+    """Every name that a benchmark imports of vlmb is there; other engines need not be."""
+    pytest.importorskip("matplotlib")
+    names = [*sorted(path.stem for path in (ROOT / "benchmarks").glob("*.py")), "peers.chain", "peers.plain_pinocchio"]
+    assert "work_precision" in names
+    done = call(sys.executable, "-c", f"import {', '.join(names)}", folder=ROOT / "benchmarks", PYTHONWARNINGS="default")
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

@@ -293,10 +293,12 @@ def test_a_thousand_links_take_ten_times_the_memory_of_a_hundred() -> None:
 
 def test_bounds_of_the_recursive_route_follow_from_the_measurements() -> None:
     """Within them it is faster and no less exact; beyond, its error takes over."""
-    data = json.loads((RESULTS / "rhs_cost.json").read_text(encoding="utf-8"))
+    data = json.loads((RESULTS / "evaluation.json").read_text(encoding="utf-8"))
     for base in ("pivot", "ski"):
         for text, seconds in data["time"][base].items():
             n, error = int(text), data["error"][base][text]
+            if "dense" not in seconds:  # does not fit into one model
+                continue
             if n <= LONG_CHAIN:
                 assert seconds["recursive"] < seconds["dense"], (base, n)
                 assert error["recursive"] < 2.0 * max(error["dense"], 1e-14), (base, n)
@@ -306,10 +308,10 @@ def test_bounds_of_the_recursive_route_follow_from_the_measurements() -> None:
 
 def test_the_bound_of_one_model_follows_from_the_measurements() -> None:
     """Up to LONG_CHAIN sub-chains are slower than one pass; beyond, they win three digits beside all, and time beside dense."""
-    data = json.loads((RESULTS / "long_chains.json").read_text(encoding="utf-8"))
+    data = json.loads((RESULTS / "evaluation.json").read_text(encoding="utf-8"))
     assert data["long_chain"] == LONG_CHAIN
-    for text, seconds in data["time"].items():
-        n, error = int(text), data["error"][text]
+    for text, seconds in data["time"]["pivot"].items():
+        n, error = int(text), data["error"]["pivot"][text]
         if "dense" in seconds:
             if n > LONG_CHAIN:
                 assert seconds["subchains"] < seconds["dense"], n
@@ -317,5 +319,5 @@ def test_the_bound_of_one_model_follows_from_the_measurements() -> None:
             else:
                 assert seconds["subchains"] > seconds["recursive"], n
         assert error.get("subchains", 0.0) < 1e-13, n
-    longest = [data["time"][text]["subchains"] for text in ("100", "1000")]
+    longest = [data["time"]["pivot"][text]["subchains"] for text in ("100", "1000")]
     assert longest[1] < 15.0 * longest[0]

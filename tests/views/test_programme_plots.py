@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import vlmb
+from tests.views.scenes import MODELS
 from vlmb.views.biomechanics import STRENGTHS, both_legs, joint_moments, knee_distance
 
 pytest.importorskip("matplotlib")
@@ -19,18 +20,7 @@ pytest.importorskip("matplotlib")
 from vlmb.views.plots import PLOTS
 from vlmb.views.programme_plots import MOST, convergence
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 Array = np.ndarray[Any, np.dtype[np.float64]]
-
-
-@pytest.fixture(scope="module")
-def slalom() -> vlmb.Trajectory:
-    return vlmb.simulate(MODELS / "skier_slalom.toml", duration=1.5)
-
-
-@pytest.fixture(scope="module")
-def whole() -> vlmb.Trajectory:
-    return vlmb.simulate(MODELS / "skier_slalom_whole_body.toml", duration=0.5)
 
 
 def paper(**changes: Any) -> vlmb.Scene:

@@ -12,7 +12,6 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,8 @@ import numpy as np
 import pytest
 
 import vlmb
-from tests.views.browser import Browser, find_browser
+from tests.views.browser import Browser
+from tests.views.scenes import MODELS, SKIER, TREE
 from vlmb import Scene, Trajectory, build, load_scene, simulate
 from vlmb.cli import main, make_parser
 from vlmb.scene.expressions import parse_equation
@@ -38,38 +38,7 @@ umsgpack = pytest.importorskip("umsgpack", reason="meshcat is not installed")
 Image = pytest.importorskip("PIL.Image", reason="pillow is not installed")
 av = pytest.importorskip("av", reason="PyAV is not installed")
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
-SKIER: dict[str, Any] = {
-    "name": "skier", "slope": 0.3, "base": {"kind": "ski", "mass": 5.0, "inertia": 0.6},
-    "links": [{
-        "name": "legs", "rod": {"length": 0.5, "mass": 30.0}, "tip_mass": 40.0,
-        "lower": {"length": 0.25, "stiffness": 9e3, "rest": 0.3}, "upper": {"length": 0.2, "stiffness": 9e3, "rest": 0.25},
-    }],
-    "start": {"phi0": 0.4, "phi1": 0.4, "psi1": 1.5, "speed": 6.0}, "run": {"duration": 0.5},
-}  # fmt: skip
-TREE: dict[str, Any] = {
-    "name": "tree", "base": {"kind": "free", "mass": 1.0},
-    "links": [
-        {"name": "trunk", "rod": {"length": 0.5, "mass": 3.0}, "tip_mass": 1.0,
-         "upper": {"motion": "prescribed", "law": "0.2 + 0.05*sin(6*t)"}},
-        {"name": "left", "parent": "trunk", "parent_point": "rod_end", "rod": {"length": 0.3, "mass": 1.0}, "tip_mass": 0.5,
-         "lower": {"length": 0.2, "stiffness": 100.0}},
-        {"name": "right", "parent": "trunk", "parent_point": "rod_start", "rod": {"length": 0.3, "mass": 1.0}, "tip_mass": 0.5},
-    ],
-    "start": {"psi1": 1.2, "psi2": 0.3, "phi2": 1.5, "psi3": 0.2, "phi3": -1.5, "z": 1.0, "phi1_dot": 2.0},
-    "run": {"duration": 0.5, "fall": False},
-}  # fmt: skip
 TIMES = (0.1, 0.25, 0.45)  # [s] at which there is a sample and a frame
-
-
-@pytest.fixture(scope="module")
-def skier() -> Trajectory:
-    return simulate(Scene.from_dict(SKIER))
-
-
-@pytest.fixture(scope="module")
-def tree() -> Trajectory:
-    return simulate(Scene.from_dict(TREE))
 
 
 def commands_of(text: str) -> list[dict[str, Any]]:
@@ -289,18 +258,6 @@ def test_a_minute_exports_small_and_complete(name: str, megabytes: float, tmp_pa
 
 
 # in a browser ------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if find_browser() is None:
-        pytest.skip("no Chromium is installed (Debian: apt install chromium), so no page can be looked at")
-    try:
-        made = Browser()
-    except (RuntimeError, OSError) as error:
-        pytest.skip(f"the Chromium here does not start ({error}), so no page can be looked at")
-    with made:
-        yield made
 
 
 @pytest.fixture(scope="module")

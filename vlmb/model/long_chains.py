@@ -5,7 +5,7 @@ from __future__ import annotations
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import BASE
 
-LONG_CHAIN = 24  # links; longer chains run as sub-chains if they can: aba loses digits (benchmarks/results/long_chains.md)
+LONG_CHAIN = 24  # links; longer chains run as sub-chains if they can: aba loses digits (benchmarks/results/evaluation.md)
 
 
 def is_long(scene: Scene) -> bool:

@@ -1,10 +1,8 @@
-"""Fifteen hard cases, measured by benchmarks/hard_cases.py: none ends in NaN, a hang, or a wrong answer without a word."""
+"""Fifteen hard cases in their short forms: none ends in NaN, a hang, or a wrong answer without a word."""
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +11,12 @@ import pytest
 from scipy.integrate._ode import vode
 
 import vlmb
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
-import hard_geometry
-import hard_rows
-from common import RESULTS
-from hard_cases import CASES, rows_of, stored_findings, summary
-from hard_finding import PIVOT, Finding, rod, scene
-
+from tests.acceptance import hard_geometry, hard_rows
+from tests.acceptance.hard_cases import CASES, keep, rows_of, section, stored, summary
+from tests.acceptance.hard_finding import PIVOT, Finding, rod, scene
 from tests.reference.two_rods import TwoRods
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def findings(case: int) -> list[Finding]:
@@ -45,11 +39,22 @@ def test_there_are_fifteen() -> None:
 
 
 def test_the_page_shows_the_stored_results_and_none_is_wrong() -> None:
-    found = stored_findings(json.loads((RESULTS / "hard_cases.json").read_text(encoding="utf-8"))["cases"])
+    found = stored(DOCS / "acceptance")
     assert len(found) == 15
     assert all(f.verdict != "WRONG" for findings in found.values() for f in findings)
-    page = (RESULTS.parents[1] / "docs" / "hard_cases.md").read_text(encoding="utf-8")
-    assert summary(found) in page
+    assert summary(found) in (DOCS / "hard_cases.md").read_text(encoding="utf-8")
+    table = (DOCS / "acceptance" / "hard_cases.md").read_text(encoding="utf-8")
+    assert all(section(title, findings) in table for title, findings in found.items())
+
+
+def test_cases_are_kept_beside_those_measured_before(tmp_path: Path) -> None:
+    keep(tmp_path, 2, [Finding("one", "way", math.inf, limit=1.0, said="stopped")])
+    keep(tmp_path, 1, [Finding("another", "way", 0.1, limit=1.0)])
+    keep(tmp_path, 2, [Finding("one", "way", 0.2, limit=1.0)])
+    found = stored(tmp_path)
+    assert [title[:2] for title in found] == ["1.", "2."]
+    assert [f.error for findings in found.values() for f in findings] == [0.1, 0.2]
+    assert "2 right" in (tmp_path / "hard_cases.md").read_text(encoding="utf-8")
 
 
 def test_a_finding_off_without_a_word_is_wrong() -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from hard_finding import (
+
+import vlmb
+from tests.acceptance.hard_finding import (
     ANY_LENGTH,
     PIVOT,
     SKI,
@@ -21,9 +23,7 @@ from hard_finding import (
     witnessed,
     worst_condition,
 )  # fmt: skip
-from naive import paper_chart, pin_integrate
-
-import vlmb
+from tests.acceptance.naive import paper_chart, pin_integrate
 from tests.reference import exact
 
 LEANING = "phi1 = phi0 + 1.5707963267948966"

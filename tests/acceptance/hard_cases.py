@@ -1,36 +1,33 @@
-"""Fifteen hard cases: what the engine answers, how far it is off, and what naive ways do there.
-
-Usage: python benchmarks/hard_cases.py [NUMBER...]. All take some minutes, most of them the million steps of case 11;
-numbers choose cases to measure again, the others stay as they are. Exit code 1 if any answer is off without a word.
-"""
+"""Fifteen hard cases: what the engine answers, how far it is off, and what naive ways do there."""
 
 from __future__ import annotations
 
 import json
-import sys
-import time
+import math
 from collections import Counter
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-from common import RESULTS, table, write_report
-
-# isort: split
-import hard_geometry
-import hard_numbers
-import hard_rows
-from hard_finding import Finding
+from tests.acceptance import hard_geometry, hard_numbers, hard_rows
+from tests.acceptance.hard_finding import Finding
+from vlmb.studies.bench import footer, table
 
 PACKAGES = ("pin", "numpy", "scipy", "mpmath")
 CASES = dict(sorted({**hard_geometry.CASES, **hard_numbers.CASES, **hard_rows.CASES}.items()))
 HEADER = ("variant", "what is done", "error", "allowed", "residual", "condition", "verdict", "naive way")
-INTRO = """# Hard cases
+INTRO = """# Results of the hard cases
 
 Error: largest distance [m] of the links' ends from the reference over the run, unless another unit is named. Residual: largest
 error of the case's constraints, or of the energy balance [J] where it has none. Condition: of the mass matrix scaled to a unit
 diagonal, the worst on the way. Verdict: *right* within the allowed error; *said* where the engine stops, refuses or warns in
 words, which are below each table; WRONG would be off without a word.
 """
+
+
+def title_of(case: int) -> str:
+    """Number and name of a case."""
+    return (CASES[case].__doc__ or "").strip()
 
 
 def number(value: float | None) -> str:
@@ -61,47 +58,41 @@ def summary(found: dict[str, list[Finding]]) -> str:
     rows = []
     for title, findings in found.items():
         judged = [f for f in findings if f.error is not None and f.verdict != "said"]
-        worst = max(judged, key=lambda f: f.error / f.limit if f.limit else f.error)
+        worst = max(judged, key=lambda f: f.error / f.limit if f.limit else f.error, default=None)
         conditions = [f.condition for f in findings if f.condition is not None]
         verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(Counter(f.verdict for f in findings).items()))
-        error = f"{number(worst.error)} {worst.unit} of {number(worst.limit)}"
+        error = f"{number(worst.error)} {worst.unit} of {number(worst.limit)}" if worst else ""
         rows.append((title.rstrip("."), error, number(max(conditions)) if conditions else "", verdicts))
     return table(("case", "worst error of what is allowed", "condition", "verdicts of the variants"), rows)
 
 
-def stored_findings(data: dict[str, Any]) -> dict[str, list[Finding]]:
-    """Findings by title from stored results; null stands for what was not finite."""
-    return {
-        entry["title"]: [Finding(**{k: v for k, v in f.items() if k != "verdict"}) for f in entry["findings"]]
-        for entry in data.values()
-    }
+def stored(folder: Path) -> dict[str, list[Finding]]:
+    """Findings by title as `keep` left them in a folder; null stands for what was not finite."""
+    cases = json.loads((folder / "hard_cases.json").read_text(encoding="utf-8"))["cases"]
+    return {entry["title"]: [Finding(**finding) for finding in entry["findings"]] for entry in cases.values()}
 
 
-def main(chosen: list[int]) -> int:
-    """Measure, print and write the report."""
-    stored = RESULTS / "hard_cases.json"
-    data = {}
-    for case in chosen or CASES:
-        began = time.perf_counter()
-        findings, title = CASES[case](False), (CASES[case].__doc__ or "").strip()
-        print(section(title, findings), f"({time.perf_counter() - began:.1f} s)\n", flush=True)
-        data[str(case)] = {"title": title, "findings": [asdict(f) | {"verdict": f.verdict} for f in findings]}
-    if chosen and stored.exists():
-        data = json.loads(stored.read_text(encoding="utf-8"))["cases"] | data
-    data = {number: data[number] for number in sorted(data, key=int)}
-    found = stored_findings(data)
-    verdicts = Counter(f.verdict for findings in found.values() for f in findings)
-    counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+def keep(folder: Path, case: int, findings: list[Finding]) -> None:
+    """Put one case's findings beside those that are in a folder, as hard_cases.json and hard_cases.md."""
+    data, page = folder / "hard_cases.json", folder / "hard_cases.md"
+    cases = json.loads(data.read_text(encoding="utf-8"))["cases"] if data.exists() else {}
+    cases[str(case)] = {"title": title_of(case), "findings": [_plain(asdict(finding)) for finding in findings]}
+    cases = {key: cases[key] for key in sorted(cases, key=int)}
+    machine = footer(PACKAGES)
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"cases": cases, "machine": machine}, indent=1, allow_nan=False)
+    data.write_text(f"{text}\n", encoding="utf-8")
+    found = stored(folder)
+    counts = Counter(f.verdict for findings in found.values() for f in findings)
     parts = [
-        INTRO,
-        f"Verdicts over all variants: {counted}.",
+        INTRO.rstrip(),
+        f"Verdicts over all variants: {', '.join(f'{count} {verdict}' for verdict, count in sorted(counts.items()))}.",
         summary(found),
         *(section(title, findings) for title, findings in found.items()),
+        f"Measured by `scripts/acceptance` on {machine}",
     ]
-    write_report("hard_cases", "\n\n".join(parts), {"cases": data, "verdicts": dict(verdicts)}, PACKAGES)
-    print(counted)
-    return 1 if verdicts["WRONG"] else 0
+    page.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-if __name__ == "__main__":
-    sys.exit(main([int(value) for value in sys.argv[1:]]))
+def _plain(finding: dict[str, Any]) -> dict[str, Any]:
+    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in finding.items()}

@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 import msgspec
 import numpy as np
-from hard_finding import (
+
+import vlmb
+from tests.acceptance.hard_finding import (
     ANY_LENGTH,
     PIVOT,
     SKI,
@@ -24,9 +26,7 @@ from hard_finding import (
     witnessed,
     worst_condition,
 )
-from naive import SCHEMES
-
-import vlmb
+from tests.acceptance.naive import SCHEMES
 from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
 from vlmb.system.dynamics import Dynamics
 from vlmb.system.gains import largest_stable_step

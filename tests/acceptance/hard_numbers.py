@@ -8,10 +8,24 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from hard_finding import ANY_LENGTH, PIVOT, SKI, TIGHT, Array, Finding, Table, judged, rod, run, scene, tips, witnessed
-from naive import paper_chart, pin_integrate
 
 import vlmb
+from tests.acceptance.hard_finding import (
+    ANY_LENGTH,
+    PIVOT,
+    SKI,
+    TIGHT,
+    Array,
+    Finding,
+    Table,
+    judged,
+    rod,
+    run,
+    scene,
+    tips,
+    witnessed,
+)
+from tests.acceptance.naive import paper_chart, pin_integrate
 from tests.reference import exact
 from tests.reference.two_rods import TwoRods, growth_rate
 from vlmb.simulation.integrate import METHODS

@@ -1,0 +1,166 @@
+"""The frozen baseline: what a snippet costs with this vlmb over what it cost at one fixed commit, both in one run.
+
+Usage: python benchmarks/baseline.py
+
+Each side is a process of its own with the same packages; batches are taken in turn and processor time of the whole process
+counts, the least of some. A snippet defines `once()`; relative paths are those of the side's own tree. The commit is unpacked
+once into ~/.cache/vlmb (or $XDG_CACHE_HOME/vlmb), which may be removed at any time.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from common import table, write_report
+
+# isort: split
+import vlmb
+
+COMMIT = "5ba17c67eb713fe7beca02570f6727e96bd20731"
+SHORT = COMMIT[:7]
+HERE = Path(vlmb.__file__).resolve().parents[1]
+BATCH, REPEATS = 0.05, 15  # [s] that a batch takes at least; batches of each side
+SIDE = """
+import gc, math, sys, time
+import vlmb
+def once(): pass
+exec(sys.argv[1], globals())
+def batch(number):
+    began = time.process_time()
+    for _ in range(number):
+        once()
+    return (time.process_time() - began) / number
+once()
+number = max(1, math.ceil(float(sys.argv[2]) / max(batch(1), 1e-9)))
+gc.disable()
+print(vlmb.__file__, flush=True)
+for _ in sys.stdin:
+    print(batch(number), flush=True)
+    gc.collect()
+"""
+SCENE = "models/one_link.toml"
+TOLERANCES = (1e-4, 1e-7, 1e-10)
+RUN = """
+mechanism = vlmb.build(vlmb.load_scene({scene!r}))
+def once():
+    assert vlmb.simulate(mechanism, duration=5.0, rtol={rtol}, atol={rtol}).status == "finished"
+"""
+
+
+def baseline() -> Path:
+    """Folder with the baseline's package and models; unpacked from the repository's history at first."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vlmb" / f"baseline-{SHORT}"
+    if folder.exists():
+        return folder
+    repository = Path(__file__).resolve().parents[1]
+    command = ["git", "-C", str(repository), "archive", "--format=tar", COMMIT, "vlmb", "models"]
+    packed = subprocess.run(command, capture_output=True, check=False)
+    if packed.returncode:
+        why = packed.stderr.decode().strip()
+        raise SystemExit(f"the baseline is commit {SHORT} of this repository, and git cannot read it: {why}")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    made = tempfile.mkdtemp(dir=folder.parent)
+    with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
+        archive.extractall(made, filter="data")
+    try:
+        Path(made).rename(folder)
+    except OSError:
+        shutil.rmtree(made)
+        if not folder.exists():  # else another process was first
+            raise
+    return folder
+
+
+class Side:
+    """A process that imports vlmb from a tree and times `once()` of a snippet on request."""
+
+    def __init__(self, tree: Path, snippet: str, seconds: float = BATCH) -> None:
+        command = [sys.executable, "-c", SIDE, snippet, str(seconds)]
+        self.process = subprocess.Popen(
+            command, cwd=tree, env=_environment(tree), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        imported = self._answer()
+        if not Path(imported).resolve().is_relative_to(tree.resolve()):
+            raise SystemExit(f"imported {imported}, not the vlmb of {tree}")
+
+    def seconds(self) -> float:
+        """Processor seconds of one call of `once()`, from one batch."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        return float(self._answer())
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.communicate()
+
+    def _answer(self) -> str:
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        if not line:
+            raise SystemExit(f"a side ended with exit code {self.process.wait()}; its error is above")
+        return line.strip()
+
+
+def compare(snippet: str, before: str | None = None, repeats: int = REPEATS) -> dict[str, float]:
+    """Processor seconds `old` and `new` of `once()`, and their `ratio` new / old; `before` is the old side's own snippet."""
+    sides = {"old": Side(baseline(), snippet if before is None else before), "new": Side(HERE, snippet)}
+    best = dict.fromkeys(sides, math.inf)
+    for _ in range(repeats):
+        for name, side in sides.items():
+            best[name] = min(best[name], side.seconds())
+    for side in sides.values():
+        side.close()
+    return best | {"ratio": best["new"] / best["old"]}
+
+
+def compare_processes(code: str, before: str | None = None, repeats: int = REPEATS) -> dict[str, float]:
+    """The same of whole processes that run some code: imports and first runs."""
+    sides = {"old": (baseline(), code if before is None else before), "new": (HERE, code)}
+    best = dict.fromkeys(sides, math.inf)
+    for turn in range(repeats + 1):
+        for name, (tree, text) in sides.items():
+            spent = _process([sys.executable, "-c", text], tree)
+            best[name] = min(best[name], spent) if turn else math.inf  # the first one warms the disk's cache
+    return best | {"ratio": best["new"] / best["old"]}
+
+
+def _process(command: Sequence[str], tree: Path) -> float:
+    process = subprocess.Popen(command, cwd=tree, env=_environment(tree))
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"a side ended with exit code {process.returncode}; its error is above")
+    return usage.ru_utime + usage.ru_stime
+
+
+def _environment(tree: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(tree)}
+
+
+def main() -> None:
+    """Compare runs of one scene and the start of a process, as an example."""
+    found = {f"`simulate`, 5 s, rtol {rtol:g}": compare(RUN.format(scene=SCENE, rtol=rtol)) for rtol in TOLERANCES}
+    found["a process with a first run"] = compare_processes(f"import vlmb; vlmb.simulate({SCENE!r}, duration=0.1)")
+    rows = [
+        (name, *(f"{1e3 * entry[side]:.3g}" for side in ("old", "new")), f"{entry['ratio']:.2f}") for name, entry in found.items()
+    ]
+    parts = [
+        "# Beside the frozen baseline",
+        f"`{SCENE}`: processor time of this vlmb over that of commit {SHORT}, taken in turn.",
+        table(("what", "old, ms", "new, ms", "new / old"), rows),
+    ]
+    write_report("baseline", parts, {"commit": COMMIT, "found": found})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,217 @@
+"""One evaluation of the accelerations of chains of 1 to 1000 links: time beside Pinocchio's bare calls, error, memory.
+
+Usage: python benchmarks/evaluation.py
+
+Bare calls: `crba` and `nonLinearEffects`, the least that any dense formulation asks for; `aba` alone is the other yardstick.
+Error: direction and length accelerations beside mass points and Lagrange's equations in extended precision, as far as that can
+be factored. Every way of evaluating is measured where it fits; `simulate` takes one of them by the number of links. The compiled
+core evaluates in a compiled loop, as its drivers do.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from common import interleaved, micro, table, write_report
+
+# isort: split
+import numba
+import numpy as np
+import pinocchio as pin
+from chains import BASES, LEG, LONG, MASS, ROD, TIP, Array, chain, core_chain, largest_error, posture, reference
+
+import vlmb
+from vlmb.core.links import accelerate, respond
+from vlmb.core.scratch import Scratch, make_scratch
+from vlmb.core.tree import VELOCITIES, Tree
+from vlmb.model.long_chains import LONG_CHAIN
+from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.system.dynamics import Dynamics
+from vlmb.views.style import BLACK, PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WAYS = ("recursive", "dense", "subchains")
+LINKS = {
+    "pivot": (1, 2, 4, 8, 12, 16, 20, 24, 32, 50, 100, 200, 500, 1000),
+    "ski": (1, 2, 8, 20, 24, 32, 50, 100),
+}  # fmt: skip
+ONE_MODEL = 100  # links whose single Data still fits into a few GB
+EXACT = 200  # links whose exact accelerations can be factored in extended precision
+STATES = 2
+INSIDE = 20000  # links that the core goes through in one batch
+HELD = (1, 8, 24, 50, 100, 200, 500, 1000)  # links whose memory is measured
+
+
+def ways(links: int) -> tuple[str, ...]:
+    """Ways of evaluating that a chain of this length fits."""
+    return WAYS if links <= ONE_MODEL else WAYS[2:]
+
+
+def evaluation(mechanism: Mechanism, state: vlmb.State, way: str | None = None) -> Callable[[], Any]:
+    """One evaluation, by the way that `simulate` takes or by a named one; it returns the velocities' derivatives."""
+    dynamics = Dynamics(mechanism) if way is None else Dynamics(mechanism, route=way)
+    y, first = dynamics.pack(state), dynamics.nq
+    rhs, last = dynamics.rhs, first + dynamics.nv
+    return lambda: rhs(0.0, y)[first:last]
+
+
+@numba.njit(_nrt=False)
+def many(count: int, tree: Tree, y: Array, given: Array, force: Array, dy: Array, scratch: Scratch) -> None:
+    """Evaluate over and over."""
+    for _ in range(count):
+        accelerate(tree, y, given, force, dy, scratch)
+
+
+@numba.njit(_nrt=False)
+def many_responses(count: int, tree: Tree, y: Array, force: Array, dy: Array, scratch: Scratch) -> None:
+    """Respond over and over."""
+    for _ in range(count):
+        respond(tree, y, force, dy, scratch)
+
+
+def core_seconds(base: str, n: int) -> dict[str, float]:
+    """Seconds of one evaluation by the core, and of one response to forces with its factors."""
+    tree, y = core_chain(base, n)
+    given, force, dy, scratch = np.zeros((n, 6)), np.ones(tree.shape[VELOCITIES]), np.zeros_like(y), make_scratch(tree)
+    inside = max(1, INSIDE // n)
+    found = interleaved({
+        "core": lambda: many(inside, tree, y, given, force, dy, scratch),
+        "respond": lambda: many_responses(inside, tree, y, force, dy, scratch),
+    })  # fmt: skip
+    return {name: seconds / inside for name, seconds in found.items()}
+
+
+def seconds(mechanism: Mechanism) -> dict[str, float]:
+    """Seconds of one evaluation by each way, and of Pinocchio's calls, taken in turn."""
+    links, state, model = len(mechanism.layout.links), posture(mechanism, 0), mechanism.model
+    functions = {way: evaluation(mechanism, state, way) for way in ways(links)}
+    if links <= ONE_MODEL:
+        data, q, v, tau = mechanism.data, np.array(state.q), np.array(state.v), np.zeros(model.nv)
+        functions["bare"] = lambda: (pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v))
+        functions["aba"] = lambda: pin.aba(model, data, q, v, tau)
+    return interleaved(functions, repeats=30 if links <= 8 else 12 if links <= ONE_MODEL else 6)
+
+
+def errors(mechanism: Mechanism) -> dict[str, float]:
+    """Largest relative error of each way over some states."""
+    found = dict.fromkeys(ways(len(mechanism.layout.links)), 0.0)
+    for seed in range(STATES):
+        drawn = posture(mechanism, seed)
+        state = vlmb.State(pin.normalize(mechanism.model, drawn.q), drawn.v)
+        exact = reference(mechanism, state)
+        for way in found:
+            vdot = evaluation(mechanism, state, way)()
+            found[way] = max(found[way], largest_error(mechanism, state, vdot, exact))
+    return found
+
+
+def memory(links: int, evaluated: bool = True) -> float:
+    """Resident memory [bytes] that building and evaluating a chain on a pivot adds to a process of its own."""
+    command = [sys.executable, __file__, "--memory", str(links), *(["evaluated"] if evaluated else [])]
+    return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def print_memory(links: int, evaluated: bool) -> None:
+    """Print what this process grows by, for `memory`."""
+
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    build(chain("pivot", 1))
+    before = resident()
+    mechanism = build(chain("pivot", links))
+    if evaluated:
+        evaluation(mechanism, posture(mechanism, 0))()
+    print(resident() - before)
+
+
+def measure() -> dict[str, Any]:
+    """Measure everything, one chain at a time: Data of a long one takes gigabytes."""
+    data: dict[str, Any] = {"time": {}, "error": {}, "memory": {}, "long_chain": LONG_CHAIN}
+    for base, sizes in LINKS.items():
+        data["time"][base], data["error"][base] = {}, {}
+        for n in sizes:
+            mechanism = build(chain(base, n))
+            data["time"][base][n] = seconds(mechanism) | core_seconds(base, n)
+            data["error"][base][n] = errors(mechanism) if n <= EXACT else {}
+            del mechanism
+            gc.collect()
+            print(f"{base}, {n} links: {data['time'][base][n]}", flush=True)
+    data["memory"] = {n: memory(n) for n in HELD}
+    data["model"] = memory(HELD[-1], evaluated=False)
+    return data
+
+
+def rows(data: dict[str, Any], base: str) -> list[tuple[str, ...]]:
+    """Table rows of the chains on a base."""
+    found = []
+    for n, time in data["time"][base].items():
+        ours, error = time["recursive" if n <= LONG_CHAIN else "subchains"], data["error"][base][n]
+        yardsticks = [f"{ours / time[name]:.2f}" if name in time else "-" for name in ("bare", "aba")]
+        times = [micro(time[way]) if way in time else "-" for way in WAYS]
+        core = [micro(time["core"]), f"{time['core'] / time['aba']:.3f}" if "aba" in time else "-", micro(time["respond"])]
+        wrong = [f"{error[way]:.1e}" if way in error else "-" for way in WAYS]
+        found.append((f"{base}, {n}", micro(ours), *yardsticks, *core, *times, *wrong))
+    return found
+
+
+def report(data: dict[str, Any]) -> list[str]:
+    """Parts of the page."""
+    columns = (*(f"{way}, us" for way in WAYS), *(f"error {way}" for way in WAYS))
+    header = ("chain", "ours, us", "ours / bare", "ours / aba", "core, us", "core / aba", "its response, us", *columns)
+    held, last = data["memory"], HELD[-1]
+    sizes = [(n, f"{held[n] / 2**20:.4g}", f"{data_bytes(5 * n) / 2**20:.4g}") for n in HELD]
+    return [
+        "# Cost of an evaluation",
+        f"Chains of equal links: rod {ROD} m, {MASS:g} kg, both legs with springs of {LEG['stiffness']:g} N/m, tip mass {TIP} "
+        "kg. Processor time of one thread, the fastest of batches taken in turn, so read it as ratios; largest relative error of "
+        f"direction and length accelerations over {STATES} postures in motion, beside mass points in numbers of "
+        f"{np.finfo(LONG).nmant + 1} bits (double: 53).",
+        table(header, [row for base in BASES for row in rows(data, base)]),
+        f"*Ours* is what `simulate` takes for springs and dampers: one pass through one model up to {LONG_CHAIN} links, which "
+        "loses digits beyond; then as many sub-chains as links, joined by a banded solve. Everything else is dense. "
+        "*Core* is the compiled recursion over links.",
+        "![time and error over the number of links](evaluation.png)",
+        "## Memory",
+        "What a process grows by when it builds and evaluates a chain on a pivot, and an estimate of one model's "
+        "`pinocchio.Data`, about 4 nv^3 doubles.",
+        table(("links", "measured, MiB", "Data of one model, MiB"), sizes),
+        f"Of the {held[last] / 2**20:.0f} MiB of {last} links Pinocchio's model takes {data['model'] / 2**20:.0f}: it lists the "
+        "ancestors of every joint.",
+    ]
+
+
+def draw(data: dict[str, Any], figure: Figure) -> None:
+    """Time and error over the number of links, both logarithmic."""
+    axes = figure.subplots(1, 2)
+    for base, dashes in zip(BASES, ("-", "--"), strict=True):
+        for way, colour in zip(WAYS, PALETTE, strict=False):
+            for panel, name, scale in ((axes[0], "time", 1e3), (axes[1], "error", 1.0)):
+                n = [k for k in data[name][base] if way in data[name][base][k]]
+                values = [data[name][base][k][way] * scale for k in n]
+                panel.plot(n, values, dashes, color=colour, marker=".", label=f"{way}, {base}")
+    for panel, text in zip(axes, ("one evaluation [ms]", "largest relative error of accelerations"), strict=True):
+        panel.set(xscale="log", yscale="log", xlabel="links", ylabel=text)
+    axes[1].axhline(float(np.finfo(float).eps), color=BLACK, linewidth=0.8)
+    axes[0].legend()
+
+
+def main() -> None:
+    """Measure and report."""
+    if sys.argv[1:2] == ["--memory"]:
+        print_memory(int(sys.argv[2]), len(sys.argv) > 3)
+        return
+    data = measure()
+    write_report("evaluation", report(data), data, picture=(lambda figure: draw(data, figure), 9.0, 4.0))
+
+
+if __name__ == "__main__":
+    main()
