@@ -47,7 +47,7 @@ TIME, STOP_TIME, TIME_BEFORE, FIRST_STEP_SIZE, H_MAX, H_NEXT, LEAST_PROGRESS, RT
 # of the march and the methods
 START, END, T_NEW, H, H_LAST, H_PLANNED, WINDOW = range(9, 16)
 # of a method
-ERROR, CHANGE, RATE_OF_CHANGE, FACTORED_H, ERROR_LAST, ERROR_LOWER = range(16, 22)
+ERROR, CHANGE, CHANGE_OF_FIRST, RATE_OF_CHANGE, FACTORED_H, ERROR_LAST, ERROR_LOWER = range(16, 23)
 
 # Rows of `rows` common to all methods: y and f at both ends of the step under way
 Y, F, Y_NEW, F_NEW, OWN = range(5)
@@ -96,7 +96,7 @@ def make_driver(
     slice_size : evaluations after which `march` returns SLICE
     """
     kind = METHODS[method]
-    own_rows = (0, 3, 6, 21, 36, 4 * size + 16)[kind]
+    own_rows = (0, 3, 5, 21, 36, 4 * size + 16)[kind]
     wanted = np.zeros(0) if times is None else np.ascontiguousarray(times, dtype=float)
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
     driver = Driver(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from vlmb.core.adams import begin_adams, interpolate_adams, next_adams
 from vlmb.core.dop853 import begin_dense_dop853, begin_dop853, interpolate_dop853, next_dense_dop853, next_dop853
-from vlmb.core.driver import DOP853, EVALUATE, METHOD, READY, Array, Driver
+from vlmb.core.driver import ADAMS, DOP853, METHOD, READY, Array, Driver
+from vlmb.core.fixed import begin_fixed, interpolate_cubic, next_fixed
 from vlmb.core.jit import kernel
 
 
@@ -13,7 +15,9 @@ def begin_trial(driver: Driver) -> int:
     method = driver.count[METHOD]
     if method == DOP853:
         return begin_dop853(driver)
-    return EVALUATE
+    if method == ADAMS:
+        return begin_adams(driver)
+    return begin_fixed(driver)
 
 
 @kernel
@@ -22,7 +26,9 @@ def next_stage(driver: Driver) -> int:
     method = driver.count[METHOD]
     if method == DOP853:
         return next_dop853(driver)
-    return EVALUATE
+    if method == ADAMS:
+        return next_adams(driver)
+    return next_fixed(driver)
 
 
 @kernel
@@ -45,3 +51,7 @@ def interpolate(driver: Driver, t: float, y: Array) -> None:
     method = driver.count[METHOD]
     if method == DOP853:
         interpolate_dop853(driver, t, y)
+    elif method == ADAMS:
+        interpolate_adams(driver, t, y)
+    else:
+        interpolate_cubic(driver, t, y)
