@@ -1,8 +1,8 @@
 """Adams' method of variable order and step: predict, evaluate, correct, evaluate.
 
 The past is kept as modified divided differences phi_1 ... phi_(k+1) of f (Shampine and Gordon, Computer Solution of Ordinary
-Differential Equations, chapters 5 to 7), which a change of step only scales. A trial changes none of them, so that it may be given up
-at any time.
+Differential Equations, chapters 5 to 7), which a change of step only scales. A trial changes none of them, so that it may be
+given up at any time.
 """
 
 from __future__ import annotations
@@ -11,9 +11,35 @@ import math
 
 from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST
 from vlmb.core.driver import (
-    ACCEPTED, ATOL, EQUAL_STEPS, ERROR, ERROR_LOWER, EVALUATE, F, F_NEW, H, H_LAST, H_NEXT, LAST_ORDER, NEXT_ORDER, ORDER, OWN,
-    RAISING, REFUSALS, REJECTED, RETRY, RTOL, STAGE, STEP_INDEX, T_NEW, TIME, Y, Y_NEW, Array, Driver,
-)  # fmt: skip
+    ACCEPTED,
+    ATOL,
+    EQUAL_STEPS,
+    ERROR,
+    ERROR_LOWER,
+    EVALUATE,
+    F_NEW,
+    H_LAST,
+    H_NEXT,
+    LAST_ORDER,
+    NEXT_ORDER,
+    ORDER,
+    OWN,
+    RAISING,
+    REFUSALS,
+    REJECTED,
+    RETRY,
+    RTOL,
+    STAGE,
+    STEP_INDEX,
+    T_NEW,
+    TIME,
+    Y_NEW,
+    Array,
+    Driver,
+    F,
+    H,
+    Y,
+)
 from vlmb.core.first_step import is_finite, scaled_norm
 from vlmb.core.jit import kernel
 
@@ -28,7 +54,7 @@ SLOWEST, FASTEST, COLLAPSE = 0.5, 0.9, 0.1  # factors of a shorter step
 @kernel
 def begin_adams(driver: Driver) -> int:
     """Predict y at T_NEW by all differences of the order; ask for f there."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     if count[RETRY]:
         count[RAISING] = 0
     if count[STEP_INDEX] == 0:
@@ -45,7 +71,7 @@ def begin_adams(driver: Driver) -> int:
 @kernel
 def _forget(driver: Driver) -> None:
     """Begin with order 1, to be raised at every step until that fails."""
-    count = driver.count
+    count = driver.counts
     count[ORDER] = 1
     count[LAST_ORDER] = 0
     if not count[RETRY]:
@@ -59,7 +85,7 @@ def _forget(driver: Driver) -> None:
 @kernel
 def _ask_new(driver: Driver, stage: int) -> int:
     """Ask for f(T_NEW, Y_NEW)."""
-    driver.count[STAGE] = stage
+    driver.counts[STAGE] = stage
     driver.real[TIME] = driver.real[T_NEW]
     for j in range(driver.point.shape[0]):
         driver.point[j] = driver.rows[Y_NEW, j]
@@ -68,7 +94,7 @@ def _ask_new(driver: Driver, stage: int) -> int:
 
 @kernel
 def _make_coefficients(table: Array, h: float, k: int) -> None:
-    """Lengths psi_i of the last i steps, ratios alpha, beta, sigma of them, integrals g_i of the i-th differences over the step."""
+    """Lengths psi_i of the last i steps, their ratios alpha, beta, sigma, and integrals g_i of i-th differences over the step."""
     table[NEW_PSI, 1], table[ALPHA, 1], table[BETA, 1], table[SIGMA, 1], table[SIGMA, 2] = h, 1.0, 1.0, 1.0, 1.0
     for i in range(2, k + 1):
         table[NEW_PSI, i] = table[PSI, i - 1] + h
@@ -102,7 +128,7 @@ def _predict(driver: Driver, k: int) -> None:
 @kernel
 def next_adams(driver: Driver) -> int:
     """Judge the prediction by f there and correct it; or take f of the corrected state and choose the next order and step."""
-    if driver.count[STAGE] == PREDICTION:
+    if driver.counts[STAGE] == PREDICTION:
         return _correct(driver)
     if not is_finite(driver.slope):
         driver.real[H_NEXT] = COLLAPSE * driver.real[H]
@@ -115,7 +141,7 @@ def next_adams(driver: Driver) -> int:
 @kernel
 def _correct(driver: Driver) -> int:
     """y1 + h g_(k+1) (f - predicted f), if the error h (g_k - g_(k+1)) |f - predicted f| is below the tolerance."""
-    count, real, rows, table = driver.count, driver.real, driver.rows, driver.table
+    count, real, rows, table = driver.counts, driver.real, driver.rows, driver.table
     k, h = count[ORDER], real[H]
     miss = _norm(driver, 0, driver.slope)
     lower = h * table[SIGMA, k] * ERROR_CONSTANTS[k - 1] * _norm(driver, k, driver.slope) if k > 1 else 0.0
@@ -147,7 +173,7 @@ def _norm(driver: Driver, i: int, slope: Array) -> float:
 @kernel
 def _reject(driver: Driver, miss: float) -> int:
     """Halve the step; from the third refusal on, start again with order 1."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     count[RAISING] = 0
     count[REFUSALS] += 1
     factor = 0.5
@@ -165,7 +191,7 @@ def _reject(driver: Driver, miss: float) -> int:
 @kernel
 def _update_differences(driver: Driver) -> None:
     """phi_i at the new time: the predicted ones plus what f differs from its prediction; of order k + 2 that of equal steps."""
-    rows, table, k = driver.rows, driver.table, driver.count[ORDER]
+    rows, table, k = driver.rows, driver.table, driver.counts[ORDER]
     for j in range(driver.point.shape[0]):
         rows[F_NEW, j] = driver.slope[j]
         miss = driver.slope[j] - rows[PREDICTED + 1, j]
@@ -175,13 +201,13 @@ def _update_differences(driver: Driver) -> None:
         table[PSI, i] = table[NEW_PSI, i]
         for j in range(driver.point.shape[0]):
             rows[PHI + i, j] = rows[PREDICTED + i, j] + rows[PHI + k + 1, j]
-    driver.count[LAST_ORDER] = k
+    driver.counts[LAST_ORDER] = k
 
 
 @kernel
 def _choose_next(driver: Driver) -> None:
     """Raise or lower the order to where the error is least; double the step or shorten it only where that gains."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     k, error = count[ORDER], real[ERROR]
     if count[NEXT_ORDER] < k or k == HIGHEST:
         count[RAISING] = 0
@@ -214,7 +240,7 @@ def _factor(error: float, k: int, raising: bool) -> float:
 def interpolate_adams(driver: Driver, t: float, y: Array) -> None:
     """y(t) = y1 + s sum g_i phi_i, s = t - t1 <= 0: the polynomial of the k + 1 newest slopes, integrated from the step's end."""
     rows, table = driver.rows, driver.table
-    s, k = t - driver.real[T_NEW], driver.count[LAST_ORDER] + 1
+    s, k = t - driver.real[T_NEW], driver.counts[LAST_ORDER] + 1
     for i in range(1, k + 1):
         table[W_INSIDE, i] = 1.0 / i
     table[G_INSIDE, 1] = 1.0

@@ -9,9 +9,29 @@ import numpy as np
 
 from vlmb.core.dop853_tables import DENSE, ERRORS, NODES, STAGES
 from vlmb.core.driver import (
-    ACCEPTED, ATOL, ERROR, EVALUATE, F, F_NEW, H, H_NEXT, OWN, READY, REJECTED, RETRY, RTOL, STAGE, T_NEW, TIME, TIME_BEFORE, Y,
-    Y_NEW, Array, Driver, Integers,
-)  # fmt: skip
+    ACCEPTED,
+    ATOL,
+    ERROR,
+    EVALUATE,
+    F_NEW,
+    H_NEXT,
+    OWN,
+    READY,
+    REJECTED,
+    RETRY,
+    RTOL,
+    STAGE,
+    T_NEW,
+    TIME,
+    TIME_BEFORE,
+    Y_NEW,
+    Array,
+    Driver,
+    F,
+    H,
+    Integers,
+    Y,
+)
 from vlmb.core.jit import kernel
 
 NEW_STATE, EXTRA = 12, 13  # the stage that is the new state, the first of those for the dense output alone
@@ -60,7 +80,7 @@ def _ask(driver: Driver, stage: int) -> int:
     for m in range(point.shape[0]):
         point[m] = rows[Y, m]
     add_slopes(rows, stage, real[H], point)
-    driver.count[STAGE] = stage
+    driver.counts[STAGE] = stage
     at_end = stage == NEW_STATE or stage == NEW_STATE - 1
     real[TIME] = real[T_NEW] if at_end else min(real[TIME_BEFORE] + NODE[stage] * real[H], real[T_NEW])
     return EVALUATE
@@ -75,7 +95,7 @@ def begin_dop853(driver: Driver) -> int:
 @kernel
 def next_dop853(driver: Driver) -> int:
     """Take the slope of a stage and ask for the next, until the step is accepted or not."""
-    stage = driver.count[STAGE]
+    stage = driver.counts[STAGE]
     _keep_slope(driver.rows, _row_of(stage), driver.slope)
     if stage < NEW_STATE - 1:
         return _ask(driver, stage + 1)
@@ -130,7 +150,7 @@ def _growth(driver: Driver) -> float:
     """Factor of the next step; it does not grow straight after a refusal."""
     error = driver.real[ERROR]
     growth = GROW if error == 0.0 else min(GROW, SAFETY * error**EXPONENT)
-    return min(1.0, growth) if driver.count[RETRY] else growth
+    return min(1.0, growth) if driver.counts[RETRY] else growth
 
 
 @kernel
@@ -142,7 +162,7 @@ def begin_dense_dop853(driver: Driver) -> int:
 @kernel
 def next_dense_dop853(driver: Driver) -> int:
     """Take one of the three slopes; after the last, make the coefficients."""
-    stage = driver.count[STAGE]
+    stage = driver.counts[STAGE]
     _keep_slope(driver.rows, _row_of(stage), driver.slope)
     if stage < EXTRA + 2:
         return _ask(driver, stage + 1)

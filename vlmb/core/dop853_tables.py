@@ -1,4 +1,4 @@
-"""The coefficients of DOP853 by Dormand and Prince, as rows {stage: weight} (Hairer, Norsett and Wanner, vol. I, section II.5)."""
+"""Coefficients of DOP853 by Dormand and Prince as rows {stage: weight} (Hairer, Norsett and Wanner, vol. I, section II.5)."""
 
 from __future__ import annotations
 

@@ -8,9 +8,30 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vlmb.core.driver import (
-    ANSWER, CROSSING, DONE, EVALUATE, EVALUATIONS, FAILURE, FIRST_FAILURE, GO_ON, HIT, INDICATE, NEXT_SAMPLE, RATE, REJECTIONS, STEPS,
-    STOP, STOP_TIME, STOPPED, TIME, VALUE, Array, Driver, begin, make_driver,
-)  # fmt: skip
+    ANSWER,
+    CROSSING,
+    DONE,
+    EVALUATE,
+    EVALUATIONS,
+    FAILURE,
+    FIRST_FAILURE,
+    GO_ON,
+    HIT,
+    INDICATE,
+    NEXT_SAMPLE,
+    RATE,
+    REJECTIONS,
+    STEPS,
+    STOP,
+    STOP_TIME,
+    STOPPED,
+    TIME,
+    VALUE,
+    Array,
+    Driver,
+    begin,
+    make_driver,
+)
 from vlmb.core.locate import Crossing, crossings
 from vlmb.core.march import march, state_at
 
@@ -34,17 +55,17 @@ class Drive:
     @property
     def evaluations(self) -> int:
         """Of the right-hand side."""
-        return int(self.driver.count[EVALUATIONS])
+        return int(self.driver.counts[EVALUATIONS])
 
     @property
     def steps(self) -> int:
         """Accepted steps."""
-        return int(self.driver.count[STEPS])
+        return int(self.driver.counts[STEPS])
 
     @property
     def rejections(self) -> int:
         """Steps that were tried in vain."""
-        return int(self.driver.count[REJECTIONS])
+        return int(self.driver.counts[REJECTIONS])
 
 
 def drive(
@@ -87,7 +108,7 @@ def drive(
                 driver.indicators[VALUE], driver.indicators[RATE] = values, rates
             elif code == CROSSING and indicate is not None:
                 _decide(indicate, driver, terminal, result)
-    written = driver.count[NEXT_SAMPLE]
+    written = driver.counts[NEXT_SAMPLE]
     result.code, result.times, result.samples = code, driver.times[:written], driver.samples[:written]
     result.t, result.y = float(driver.real[TIME]), driver.point.copy()
     return result
@@ -97,9 +118,9 @@ def _evaluate(f: Rhs, driver: Driver, failures: tuple[type[Exception], ...], res
     try:
         driver.slope[:] = f(float(driver.real[TIME]), driver.point)
     except failures as error:
-        if driver.count[FIRST_FAILURE] == 0:
+        if driver.counts[FIRST_FAILURE] == 0:
             result.error = error
-        driver.count[FAILURE] = 1
+        driver.counts[FAILURE] = 1
 
 
 def _decide(indicate: Indicate, driver: Driver, terminal: Sequence[bool], result: Drive) -> None:
@@ -107,12 +128,12 @@ def _decide(indicate: Indicate, driver: Driver, terminal: Sequence[bool], result
     slope = driver.slope.copy()
     found = crossings(driver, lambda t, y: indicate(t, y, slope)[0])
     driver.indicators[HIT] = 0.0
-    driver.count[ANSWER] = GO_ON
+    driver.counts[ANSWER] = GO_ON
     for crossing in found:
         y = np.empty_like(driver.point)
         state_at(driver, crossing.t, y)
         result.crossings.append((crossing, y))
-        if terminal[crossing.index]:
-            driver.indicators[HIT, crossing.index] = crossing.direction
-            driver.count[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
+        if terminal[crossing.indicator]:
+            driver.indicators[HIT, crossing.indicator] = crossing.direction
+            driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
             return

@@ -1,8 +1,8 @@
 """The arrays of an integration method between two calls, the codes it answers with, and how one is made.
 
-A method never calls anybody. It asks: `march` returns EVALUATE, the caller writes f(t, y) where it is wanted and calls again. So one
-compiled text serves a compiled right-hand side, a Python function and another engine alike, and all that a method remembers stands
-in arrays: a run may rest after any call and go on later.
+A method never calls anybody. It asks: `march` returns EVALUATE, the caller writes f(t, y) where it is wanted and calls again. So
+one compiled text serves a compiled right-hand side, a Python function and another engine alike, and all that a method remembers
+stands in arrays: a run may rest after any call and go on later.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EULER, RK4, GAUSS, DOP853, ADAMS, RADAU = range(6)
 LAST_FIXED = GAUSS  # methods of fixed steps come first
 METHODS = {"euler": EULER, "rk4": RK4, "gauss": GAUSS, "dop853": DOP853, "adams": ADAMS, "radau": RADAU}
 
-# Columns of `count`: for the caller
+# Columns of `counts`: for the caller
 FAILURE, ANSWER, SLICE_SIZE, PATIENCE, EVALUATIONS, STEPS, REJECTIONS, FIRST_FAILURE, NEXT_SAMPLE = range(9)
 # of the march
 METHOD, PHASE, SLICE_USED, TRIALS, LAST, DENSE, RETRY, STEP_INDEX, STEP_COUNT, RESUMED, AFTER_DENSE = range(9, 20)
@@ -63,7 +63,7 @@ TABLE_WIDTH = 16
 class Driver(NamedTuple):
     """All that a method remembers; n states, m indicators, N samples."""
 
-    count: Integers  # (32 + 2 n,)
+    counts: Integers  # (32 + 2 n,)
     real: Array  # (24,)
     rows: Array  # (rows of the method, n)
     table: Array  # (12, 16) coefficients that change from step to step
@@ -100,7 +100,7 @@ def make_driver(
     wanted = np.zeros(0) if times is None else np.ascontiguousarray(times, dtype=float)
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
     driver = Driver(
-        count=np.zeros(PIVOTS + 2 * size, dtype=np.int64),
+        counts=np.zeros(PIVOTS + 2 * size, dtype=np.int64),
         real=np.zeros(24),
         rows=np.zeros((OWN + own_rows, size)),
         table=np.zeros((12, TABLE_WIDTH)),
@@ -110,7 +110,7 @@ def make_driver(
         samples=np.zeros((len(wanted), size)),
         indicators=np.zeros((9, len(watched))),
     )
-    driver.count[METHOD], driver.count[SLICE_SIZE], driver.count[PATIENCE] = kind, slice_size, 20_000
+    driver.counts[METHOD], driver.counts[SLICE_SIZE], driver.counts[PATIENCE] = kind, slice_size, 20_000
     driver.real[RTOL], driver.real[ATOL], driver.real[FIRST_STEP_SIZE], driver.real[H_MAX] = rtol, atol, step, h_max
     driver.real[LEAST_PROGRESS] = 1e-3
     driver.indicators[DIRECTION] = watched
@@ -124,7 +124,7 @@ def begin(driver: Driver, t: float, end: float) -> None:
     FIRST_STEP_SIZE: length [s] of the first step, or of all fixed steps; 0 for choosing it.
     The sides of 0 that indicators are on are read afresh; `resume` keeps them.
     """
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     for j in range(driver.point.shape[0]):
         driver.rows[Y, j] = driver.point[j]
         driver.rows[Y_NEW, j] = driver.point[j]
@@ -138,6 +138,6 @@ def begin(driver: Driver, t: float, end: float) -> None:
 
 @kernel
 def resume(driver: Driver, t: float, end: float) -> None:
-    """Start as `begin` does where an indicator stopped the run; one with a HIT is on that side of 0 now and does not fire again at once."""
+    """Start as `begin` does where an indicator stopped the run: one with a HIT is on that side of 0 and does not fire at once."""
     begin(driver, t, end)
-    driver.count[RESUMED] = 1
+    driver.counts[RESUMED] = 1

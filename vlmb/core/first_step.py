@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vlmb.core.driver import ATOL, END, F, FAILURE, H, H_MAX, METHOD, RTOL, TIME, TIME_BEFORE, Y, Array, Driver
+from vlmb.core.driver import ATOL, END, FAILURE, H_MAX, METHOD, RTOL, TIME, TIME_BEFORE, Array, Driver, F, H, Y
 from vlmb.core.jit import kernel
 
 SHARE, TINY, ORDERS = 0.01, 1e-6, (1, 4, 4, 7, 2, 3)  # of the error estimates, by method
@@ -13,10 +13,10 @@ SHARE, TINY, ORDERS = 0.01, 1e-6, (1, 4, 4, 7, 2, 3)  # of the error estimates, 
 @kernel
 def is_finite(values: Array) -> bool:
     """Whether no entry is infinite or not a number."""
+    total = 0.0
     for j in range(values.shape[0]):
-        if not math.isfinite(values[j]):
-            return False
-    return True
+        total += 0.0 * values[j]  # not a number if any is infinite or none
+    return total == 0.0
 
 
 @kernel
@@ -43,11 +43,11 @@ def ask_probe(driver: Driver) -> None:
 
 @kernel
 def step_from_probe(driver: Driver) -> float:
-    """Step [s] whose error, by size and change of f, is about a hundredth of the tolerance: (0.01 / max(|f|, |f'|))^(1/(order+1))."""
+    """Step [s] whose error is about a hundredth of the tolerance by size and change of f: (0.01 / max(|f|, |f'|))^(1/(order+1))."""
     real, rows, change = driver.real, driver.rows, driver.slope
-    if driver.count[FAILURE] or not is_finite(change):
+    if driver.counts[FAILURE] or not is_finite(change):
         return SHARE * real[H]
-    order = ORDERS[driver.count[METHOD]]
+    order = ORDERS[driver.counts[METHOD]]
     slope = scaled_norm(rows[F], rows[Y], real[RTOL], real[ATOL])
     for j in range(change.shape[0]):
         change[j] -= rows[F, j]

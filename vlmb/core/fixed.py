@@ -3,9 +3,29 @@
 from __future__ import annotations
 
 from vlmb.core.driver import (
-    ACCEPTED, CHANGE, CHANGE_OF_FIRST, DIVERGED, EULER, EVALUATE, F, F_NEW, H, ITERATION, METHOD, OWN, RK4, STAGE, STEP_INDEX, T_NEW, TIME,
-    TIME_BEFORE, Y, Y_NEW, Array, Driver,
-)  # fmt: skip
+    ACCEPTED,
+    CHANGE,
+    CHANGE_OF_FIRST,
+    DIVERGED,
+    EULER,
+    EVALUATE,
+    F_NEW,
+    ITERATION,
+    METHOD,
+    OWN,
+    RK4,
+    STAGE,
+    STEP_INDEX,
+    T_NEW,
+    TIME,
+    TIME_BEFORE,
+    Y_NEW,
+    Array,
+    Driver,
+    F,
+    H,
+    Y,
+)
 from vlmb.core.jit import kernel
 
 K2, K3, K4 = OWN, OWN + 1, OWN + 2  # rows of the slopes of RK4
@@ -20,7 +40,7 @@ MOST_ITERATIONS, ROUNDING, STALLED, GOOD_ENOUGH = 60, 1e-16, 1e-14, 1e-10  # cha
 @kernel
 def begin_fixed(driver: Driver) -> int:
     """Begin a step of length H; f at its start is known."""
-    method = driver.count[METHOD]
+    method = driver.counts[METHOD]
     if method == EULER:
         return _ask_new(driver, F, driver.real[H], True)
     if method == RK4:
@@ -31,11 +51,11 @@ def begin_fixed(driver: Driver) -> int:
 @kernel
 def next_fixed(driver: Driver) -> int:
     """Take a slope and ask for the next."""
-    stage = driver.count[STAGE]
+    stage = driver.counts[STAGE]
     if stage == NEW_STATE:
         _copy(driver.slope, driver.rows[F_NEW])
         return ACCEPTED
-    if driver.count[METHOD] == RK4:
+    if driver.counts[METHOD] == RK4:
         return _next_rk4(driver, stage)
     return next_gauss(driver, stage)
 
@@ -57,7 +77,7 @@ def _next_rk4(driver: Driver, stage: int) -> int:
 def _ask_from_start(driver: Driver, stage: int, slope: int, share: float) -> int:
     """Ask for f(t + share h, y + share h k), k in the row `slope`."""
     real = driver.real
-    driver.count[STAGE] = stage
+    driver.counts[STAGE] = stage
     for j in range(driver.point.shape[0]):
         driver.point[j] = driver.rows[Y, j] + share * real[H] * driver.rows[slope, j]
     real[TIME] = real[T_NEW] if share == 1.0 else real[TIME_BEFORE] + share * real[H]
@@ -67,7 +87,7 @@ def _ask_from_start(driver: Driver, stage: int, slope: int, share: float) -> int
 @kernel
 def _ask_new(driver: Driver, slope: int, h: float, make: bool) -> int:
     """Ask for f at the new state, which is first made as y0 + h k if it is to be."""
-    driver.count[STAGE] = NEW_STATE
+    driver.counts[STAGE] = NEW_STATE
     driver.real[TIME] = driver.real[T_NEW]
     for j in range(driver.point.shape[0]):
         if make:
@@ -83,10 +103,10 @@ def begin_gauss(driver: Driver) -> int:
     for j in range(driver.point.shape[0]):
         rows[K, j] = rows[F, j]
         rows[K + 1, j] = rows[F, j]
-    if driver.count[STEP_INDEX] > 0:
+    if driver.counts[STEP_INDEX] > 0:
         _extrapolate(rows, 0.5 - ROOT, rows[K])
         _extrapolate(rows, 0.5 + ROOT, rows[K + 1])
-    driver.count[ITERATION] = 0
+    driver.counts[ITERATION] = 0
     driver.real[CHANGE] = 0.0
     return _ask_gauss(driver, FIRST)
 
@@ -109,7 +129,7 @@ def _ask_gauss(driver: Driver, stage: int) -> int:
     node = 0.5 - ROOT if stage == FIRST else 0.5 + ROOT
     a1 = 0.25 if stage == FIRST else 0.25 + ROOT
     a2 = 0.25 - ROOT if stage == FIRST else 0.25
-    driver.count[STAGE] = stage
+    driver.counts[STAGE] = stage
     for j in range(driver.point.shape[0]):
         driver.point[j] = rows[Y, j] + h * (a1 * rows[K, j] + a2 * rows[K + 1, j])
     real[TIME] = real[TIME_BEFORE] + node * h
@@ -131,11 +151,11 @@ def next_gauss(driver: Driver, stage: int) -> int:
     change = real[H] * max(change, real[CHANGE_OF_FIRST])
     before = real[CHANGE]
     real[CHANGE] = change
-    driver.count[ITERATION] += 1
-    stalls = driver.count[ITERATION] > 1 and change >= before and change <= STALLED * size
+    driver.counts[ITERATION] += 1
+    stalls = driver.counts[ITERATION] > 1 and change >= before and change <= STALLED * size
     if change <= ROUNDING * size or stalls:
         return _finish_gauss(driver)
-    if driver.count[ITERATION] < MOST_ITERATIONS and change == change:
+    if driver.counts[ITERATION] < MOST_ITERATIONS and change == change:
         return _ask_gauss(driver, FIRST)
     return _finish_gauss(driver) if change <= GOOD_ENOUGH * size else DIVERGED
 
@@ -147,7 +167,7 @@ def _finish_gauss(driver: Driver) -> int:
     for j in range(driver.point.shape[0]):
         rows[LAST_K, j] = rows[K, j]
         rows[LAST_K + 1, j] = rows[K + 1, j]
-        rise = 0.5 * h * (rows[K, j] + rows[K + 1, j]) + (rows[LOST, j] if driver.count[STEP_INDEX] > 0 else 0.0)
+        rise = 0.5 * h * (rows[K, j] + rows[K + 1, j]) + (rows[LOST, j] if driver.counts[STEP_INDEX] > 0 else 0.0)
         rows[Y_NEW, j] = rows[Y, j] + rise
         rows[LOST, j] = rise - (rows[Y_NEW, j] - rows[Y, j])
     return _ask_new(driver, F, 0.0, False)

@@ -5,8 +5,20 @@ from __future__ import annotations
 import math
 
 from vlmb.core.driver import (
-    DIRECTION, H, HIT, RATE, RATE_BEFORE, RESUMED, SIDE, VALUE, VALUE_BEFORE, ZERO, ZERO_RATE, Array, Driver,
-)  # fmt: skip
+    DIRECTION,
+    HIT,
+    RATE,
+    RATE_BEFORE,
+    RESUMED,
+    SIDE,
+    VALUE,
+    VALUE_BEFORE,
+    ZERO,
+    ZERO_RATE,
+    Array,
+    Driver,
+    H,
+)
 from vlmb.core.jit import kernel
 
 
@@ -31,7 +43,7 @@ def note_start(driver: Driver) -> None:
     """Take the indicators at the start of a run; HIT of a resumed one means that its side is known."""
     g = driver.indicators
     for i in range(g.shape[1]):
-        if driver.count[RESUMED] and g[HIT, i] != 0.0:
+        if driver.counts[RESUMED] and g[HIT, i] != 0.0:
             g[SIDE, i] = g[HIT, i]
         else:
             g[SIDE, i] = side_at_start(g[VALUE, i], g[RATE, i], g[ZERO, i], g[ZERO_RATE, i])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from vlmb.core.driver import DIRECTION, H, HIT, RATE, RATE_BEFORE, SIDE, T_NEW, TIME_BEFORE, VALUE, VALUE_BEFORE, Array, Driver
+from vlmb.core.driver import DIRECTION, HIT, RATE, RATE_BEFORE, SIDE, T_NEW, TIME_BEFORE, VALUE, VALUE_BEFORE, Array, Driver, H
 from vlmb.core.indicators import leaves, sign, turning_points
 from vlmb.core.march import state_at
 
@@ -20,7 +21,7 @@ class Crossing(NamedTuple):
     """An indicator crossed 0."""
 
     t: float  # [s]
-    index: int
+    indicator: int
     direction: int  # 1 rising, -1 falling
 
 
@@ -35,8 +36,11 @@ def crossings(driver: Driver, values: Callable[[float, Array], Array]) -> list[C
         state_at(driver, t, y)
         return np.array(values(t, y), dtype=float)
 
+    def value_of(indicator: int, t: float) -> float:
+        return float(at(t)[indicator])
+
     suspects = [i for i in range(driver.indicators.shape[1]) if driver.indicators[HIT, i] != 0.0]
-    found = [crossing for i in suspects for crossing in _crossings_of(driver, i, lambda t, i=i: float(at(t)[i]))]
+    found = [crossing for i in suspects for crossing in _crossings_of(driver, i, partial(value_of, i))]
     return sorted(found)
 
 

@@ -16,18 +16,66 @@ from __future__ import annotations
 import math
 
 from vlmb.core.driver import (
-    ACCEPTED, AFTER_DENSE, ANSWER, CROSSING, DENSE, DONE, END, EVALUATE, EVALUATIONS, F, F_NEW, FAILED, FAILURE, FIRST_FAILURE, GO_ON, H, H_LAST, LAST_FIXED,
-    H_MAX, H_NEXT, H_PLANNED, INDICATE, LAST, LEAST_PROGRESS, METHOD, NEXT_SAMPLE, NOT_FINITE, PATIENCE, PHASE, READY, REJECTED,
-    REJECTIONS, RETRY, SLICE, SLICE_SIZE, SLICE_USED, START, STEP_COUNT, STEP_INDEX, STEPS, STOP, STOP_TIME, STOPPED, STUCK, T_NEW,
-    TIME, TIME_BEFORE, TRIALS, WINDOW, Y, Y_NEW, Array, Driver,
-)  # fmt: skip
+    ACCEPTED,
+    AFTER_DENSE,
+    ANSWER,
+    CROSSING,
+    DENSE,
+    DONE,
+    END,
+    EVALUATE,
+    EVALUATIONS,
+    F_NEW,
+    FAILED,
+    FAILURE,
+    FIRST_FAILURE,
+    GO_ON,
+    H_LAST,
+    H_MAX,
+    H_NEXT,
+    H_PLANNED,
+    INDICATE,
+    LAST,
+    LAST_FIXED,
+    LEAST_PROGRESS,
+    METHOD,
+    NEXT_SAMPLE,
+    NOT_FINITE,
+    PATIENCE,
+    PHASE,
+    REJECTED,
+    REJECTIONS,
+    RETRY,
+    SLICE,
+    SLICE_SIZE,
+    SLICE_USED,
+    START,
+    STEP_COUNT,
+    STEP_INDEX,
+    STEPS,
+    STOP,
+    STOP_TIME,
+    STOPPED,
+    STUCK,
+    T_NEW,
+    TIME,
+    TIME_BEFORE,
+    TRIALS,
+    WINDOW,
+    Y_NEW,
+    Array,
+    Driver,
+    F,
+    H,
+    Y,
+)
 from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
 from vlmb.core.indicators import find_suspects, note_start, note_step
 from vlmb.core.jit import kernel
 from vlmb.core.methods import begin_dense, begin_trial, interpolate, next_dense, next_stage
 
 # What the last answer was given to
-AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, EXTRAS, JUDGED, SAMPLING, OVER = range(11)
+AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, EXTRAS, SUSPECTED, SAMPLING, OVER = range(11)
 GO = 100  # go on without asking
 NEARLY = 0.99  # a step that comes this near to the end goes to the end
 NO_STEP = 1e-9  # of a fixed step, which is rounding
@@ -40,7 +88,7 @@ def march(driver: Driver) -> int:
     """Go on to the next thing that is asked of the caller; return its code."""
     code = GO
     while code == GO:
-        phase = driver.count[PHASE]
+        phase = driver.counts[PHASE]
         if phase == STAGES:
             code = _go_on_with_step(driver)
         elif phase == TRIAL:
@@ -49,22 +97,22 @@ def march(driver: Driver) -> int:
             code = _judge(driver)
         elif phase == EXTRAS:
             code = _go_on_with_dense(driver)
-        elif phase == JUDGED:
-            code = _take_answer(driver)
-        elif phase == SAMPLING:
+        elif phase in (SUSPECTED, SAMPLING):
             code = _finish_step(driver)
         else:
             code = _go_on_with_start(driver)
+    if code < DONE:
+        _show_start_of_step(driver)
     if code == EVALUATE:
-        driver.count[EVALUATIONS] += 1
-        driver.count[SLICE_USED] += 1
+        driver.counts[EVALUATIONS] += 1
+        driver.counts[SLICE_USED] += 1
     return code
 
 
 @kernel
 def _go_on_with_start(driver: Driver) -> int:
     """From `begin` to the first step."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     phase = count[PHASE]
     if phase == AT_START:
         count[PHASE] = FIRST_SLOPE
@@ -85,7 +133,7 @@ def _go_on_with_start(driver: Driver) -> int:
 @kernel
 def _take_first_slope(driver: Driver) -> int:
     """Keep f at the start, write samples there."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     if count[FAILURE]:
         count[FIRST_FAILURE] = count[FAILURE]
         return FAILED
@@ -107,7 +155,7 @@ def _take_first_slope(driver: Driver) -> int:
 @kernel
 def _choose_first_step(driver: Driver) -> int:
     """Take the step asked for, or probe for one; fixed steps divide the way evenly."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     count[PHASE] = TRIAL
     if count[METHOD] <= LAST_FIXED:
         way = real[END] - real[START]
@@ -124,7 +172,7 @@ def _choose_first_step(driver: Driver) -> int:
 @kernel
 def _begin_step(driver: Driver) -> int:
     """Begin a trial step that ends at `end` at the latest; say SLICE or STUCK where it is time to."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     if count[SLICE_USED] >= count[SLICE_SIZE]:
         count[SLICE_USED] = 0
         return SLICE
@@ -148,7 +196,7 @@ def _begin_step(driver: Driver) -> int:
 @kernel
 def _is_stuck(driver: Driver) -> bool:
     """Whether the step is lost in the rounding of t, or too many steps went too short a way."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     t, h = real[TIME_BEFORE], real[H_NEXT]
     if not (h > ROUNDING * abs(t) and h > TINIEST * (real[END] - real[START])) and t + h < real[END]:
         return True
@@ -164,7 +212,7 @@ def _is_stuck(driver: Driver) -> bool:
 @kernel
 def _go_on_with_step(driver: Driver) -> int:
     """Hand an answer to the method; an accepted step goes to the indicators, or straight to the samples."""
-    count = driver.count
+    count = driver.counts
     if count[FAILURE]:
         return _refuse(driver)
     code = next_stage(driver)
@@ -186,7 +234,7 @@ def _go_on_with_step(driver: Driver) -> int:
 @kernel
 def _refuse(driver: Driver) -> int:
     """Try a shorter step where f had no answer; keep the first reason. Fixed steps cannot."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     if count[FIRST_FAILURE] == 0:
         count[FIRST_FAILURE] = count[FAILURE]
     failed = count[FAILURE] != 0
@@ -200,7 +248,7 @@ def _refuse(driver: Driver) -> int:
 
 @kernel
 def _retry(driver: Driver) -> int:
-    count = driver.count
+    count = driver.counts
     count[REJECTIONS] += 1
     count[RETRY] = 1
     count[PHASE] = TRIAL
@@ -210,17 +258,17 @@ def _retry(driver: Driver) -> int:
 @kernel
 def _judge(driver: Driver) -> int:
     """Look at the indicators; suspects want the dense output and the caller's verdict."""
-    driver.count[ANSWER] = GO_ON
+    driver.counts[ANSWER] = GO_ON
     if not find_suspects(driver):
-        driver.count[PHASE] = SAMPLING
+        driver.counts[PHASE] = SAMPLING
         return GO
-    return _want_dense(driver, JUDGED)
+    return _want_dense(driver, SUSPECTED)
 
 
 @kernel
 def _want_dense(driver: Driver, then: int) -> int:
     """Make the dense output of this step ready if it is not."""
-    count = driver.count
+    count = driver.counts
     count[AFTER_DENSE] = then
     if count[DENSE] == 0:
         code = begin_dense(driver)
@@ -233,7 +281,7 @@ def _want_dense(driver: Driver, then: int) -> int:
 @kernel
 def _go_on_with_dense(driver: Driver) -> int:
     """Hand an answer to the dense output; a step without it is taken back."""
-    if driver.count[FAILURE] or not is_finite(driver.slope):
+    if driver.counts[FAILURE] or not is_finite(driver.slope):
         return _refuse(driver)
     code = next_dense(driver)
     return EVALUATE if code == EVALUATE else _have_dense(driver)
@@ -241,10 +289,10 @@ def _go_on_with_dense(driver: Driver) -> int:
 
 @kernel
 def _have_dense(driver: Driver) -> int:
-    count = driver.count
+    count = driver.counts
     count[DENSE] = 1
     count[PHASE] = count[AFTER_DENSE]
-    if count[PHASE] == JUDGED:
+    if count[PHASE] == SUSPECTED:
         _show_new_state(driver)
         return CROSSING
     return GO
@@ -260,16 +308,17 @@ def _show_new_state(driver: Driver) -> None:
 
 
 @kernel
-def _take_answer(driver: Driver) -> int:
-    """After CROSSING: the step counts up to STOP_TIME, or whole."""
-    driver.count[PHASE] = SAMPLING
-    return GO
+def _show_start_of_step(driver: Driver) -> None:
+    """Put the last good state where the caller reads it."""
+    driver.real[TIME] = driver.real[TIME_BEFORE]
+    for j in range(driver.point.shape[0]):
+        driver.point[j] = driver.rows[Y, j]
 
 
 @kernel
 def _finish_step(driver: Driver) -> int:
     """Write the samples of the step, then go on from its end, or stop within it."""
-    count, real = driver.count, driver.real
+    count, real = driver.counts, driver.real
     stops = driver.indicators.shape[1] > 0 and count[ANSWER] == STOP
     until = min(max(real[STOP_TIME], real[TIME_BEFORE]), real[T_NEW]) if stops else real[T_NEW]
     if count[DENSE] == 0 and _sample_inside(driver, until):
@@ -289,7 +338,7 @@ def _finish_step(driver: Driver) -> int:
 @kernel
 def _step_on(driver: Driver) -> int:
     """Make the end of the step the start of the next."""
-    count, real, rows = driver.count, driver.real, driver.rows
+    count, real, rows = driver.counts, driver.real, driver.rows
     if real[T_NEW] >= real[END]:
         _show_new_state(driver)
         real[H_NEXT] = max(real[H_NEXT], real[H_PLANNED])  # the last step may have been cut
@@ -310,14 +359,14 @@ def _step_on(driver: Driver) -> int:
 @kernel
 def _sample_inside(driver: Driver, until: float) -> bool:
     """Whether the next sample is within the step and not at its end."""
-    k = driver.count[NEXT_SAMPLE]
+    k = driver.counts[NEXT_SAMPLE]
     return k < driver.times.shape[0] and driver.times[k] <= until and driver.times[k] < driver.real[T_NEW]
 
 
 @kernel
 def _write_samples(driver: Driver, until: float) -> None:
     """Write all samples up to a time, by the dense output if it is ready."""
-    count, times = driver.count, driver.times
+    count, times = driver.counts, driver.times
     while count[NEXT_SAMPLE] < times.shape[0] and times[count[NEXT_SAMPLE]] <= until:
         k = count[NEXT_SAMPLE]
         state_at(driver, times[k], driver.samples[k])

@@ -12,7 +12,7 @@ from vlmb.core.jit import kernel
 @kernel
 def begin_trial(driver: Driver) -> int:
     """Begin a step of length H; return what it asks for."""
-    method = driver.count[METHOD]
+    method = driver.counts[METHOD]
     if method == DOP853:
         return begin_dop853(driver)
     if method == ADAMS:
@@ -23,7 +23,7 @@ def begin_trial(driver: Driver) -> int:
 @kernel
 def next_stage(driver: Driver) -> int:
     """Take an answer; return EVALUATE, ACCEPTED with `Y_NEW`, `F_NEW` and H_NEXT, REJECTED with H_NEXT, or DIVERGED."""
-    method = driver.count[METHOD]
+    method = driver.counts[METHOD]
     if method == DOP853:
         return next_dop853(driver)
     if method == ADAMS:
@@ -34,7 +34,7 @@ def next_stage(driver: Driver) -> int:
 @kernel
 def begin_dense(driver: Driver) -> int:
     """Begin what the dense output needs besides the step; return EVALUATE or READY."""
-    if driver.count[METHOD] == DOP853:
+    if driver.counts[METHOD] == DOP853:
         return begin_dense_dop853(driver)
     return READY
 
@@ -48,7 +48,7 @@ def next_dense(driver: Driver) -> int:
 @kernel
 def interpolate(driver: Driver, t: float, y: Array) -> None:
     """Write y(t) by the dense output of the step under way: at CROSSING, and after STOPPED or DONE."""
-    method = driver.count[METHOD]
+    method = driver.counts[METHOD]
     if method == DOP853:
         interpolate_dop853(driver, t, y)
     elif method == ADAMS:
