@@ -195,7 +195,7 @@ def test_slices_change_no_bit(method):
     cut, some = run(7)
     assert none == 0 and some > 5
     assert (whole.samples == cut.samples).all() and (whole.point == cut.point).all()
-    assert whole.count[EVALUATIONS] == cut.count[EVALUATIONS]
+    assert whole.counts[EVALUATIONS] == cut.counts[EVALUATIONS]
 
 
 @pytest.mark.parametrize("method", GOOD)

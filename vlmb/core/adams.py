@@ -13,6 +13,7 @@ from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST
 from vlmb.core.driver import (
     ACCEPTED,
     ATOL,
+    BEGIN,
     EQUAL_STEPS,
     ERROR,
     ERROR_LOWER,
@@ -25,6 +26,7 @@ from vlmb.core.driver import (
     ORDER,
     OWN,
     RAISING,
+    READY,
     REFUSALS,
     REJECTED,
     RETRY,
@@ -52,7 +54,7 @@ SLOWEST, FASTEST, COLLAPSE = 0.5, 0.9, 0.1  # factors of a shorter step
 
 
 @kernel
-def begin_adams(driver: Driver) -> int:
+def _begin(driver: Driver) -> int:
     """Predict y at T_NEW by all differences of the order; ask for f there."""
     count, real = driver.counts, driver.real
     if count[RETRY]:
@@ -128,7 +130,10 @@ def _predict(driver: Driver, k: int) -> None:
 @kernel
 def next_adams(driver: Driver) -> int:
     """Judge the prediction by f there and correct it; or take f of the corrected state and choose the next order and step."""
-    if driver.counts[STAGE] == PREDICTION:
+    stage = driver.counts[STAGE]
+    if stage < 0:
+        return _begin(driver) if stage == BEGIN else READY  # the differences are the dense output
+    if stage == PREDICTION:
         return _correct(driver)
     if not is_finite(driver.slope):
         driver.real[H_NEXT] = COLLAPSE * driver.real[H]

@@ -11,6 +11,8 @@ from vlmb.core.dop853_tables import DENSE, ERRORS, NODES, STAGES
 from vlmb.core.driver import (
     ACCEPTED,
     ATOL,
+    BEGIN,
+    BEGIN_DENSE,
     ERROR,
     EVALUATE,
     F_NEW,
@@ -32,6 +34,7 @@ from vlmb.core.driver import (
     Integers,
     Y,
 )
+from vlmb.core.first_step import is_finite
 from vlmb.core.jit import kernel
 
 NEW_STATE, EXTRA = 12, 13  # the stage that is the new state, the first of those for the dense output alone
@@ -87,23 +90,28 @@ def _ask(driver: Driver, stage: int) -> int:
 
 
 @kernel
-def begin_dop853(driver: Driver) -> int:
-    """Begin a trial of step H."""
-    return _ask(driver, 1)
-
-
-@kernel
 def next_dop853(driver: Driver) -> int:
-    """Take the slope of a stage and ask for the next, until the step is accepted or not."""
+    """Take the slope of a stage and ask for the next, until the step is accepted or not, or its dense output ready."""
     stage = driver.counts[STAGE]
-    _keep_slope(driver.rows, _row_of(stage), driver.slope)
-    if stage < NEW_STATE - 1:
-        return _ask(driver, stage + 1)
+    if stage >= 0:
+        _keep(driver.rows, _row_of(stage), driver.slope)
     if stage == NEW_STATE:
         driver.real[H_NEXT] = driver.real[H] * _growth(driver)
         return ACCEPTED
-    code = _ask(driver, NEW_STATE)  # its slope is wanted only if the step is good
-    _keep_slope(driver.rows, Y_NEW, driver.point)
+    if stage == EXTRA + 2:
+        _make_powers(driver)
+        if is_finite(driver.rows[POWERS + 6]):
+            return READY
+        driver.real[H_NEXT] = SHRINK * driver.real[H]
+        return REJECTED
+    code = _ask(driver, 1 if stage == BEGIN else EXTRA if stage == BEGIN_DENSE else stage + 1)
+    return code if driver.counts[STAGE] != NEW_STATE else _judge(driver, code)
+
+
+@kernel
+def _judge(driver: Driver, code: int) -> int:
+    """Keep the new state; its slope, which `code` asks for, is wanted only if the error is below the tolerance."""
+    _keep(driver.rows, Y_NEW, driver.point)
     error = _error(driver)
     driver.real[ERROR] = error
     if error < 1.0:
@@ -121,9 +129,9 @@ def _row_of(stage: int) -> int:
 
 
 @kernel
-def _keep_slope(rows: Array, row: int, slope: Array) -> None:
-    for m in range(slope.shape[0]):
-        rows[row, m] = slope[m]
+def _keep(rows: Array, row: int, values: Array) -> None:
+    for m in range(values.shape[0]):
+        rows[row, m] = values[m]
 
 
 @kernel
@@ -154,18 +162,8 @@ def _growth(driver: Driver) -> float:
 
 
 @kernel
-def begin_dense_dop853(driver: Driver) -> int:
-    """Ask for the first of three slopes that the dense output wants more."""
-    return _ask(driver, EXTRA)
-
-
-@kernel
-def next_dense_dop853(driver: Driver) -> int:
-    """Take one of the three slopes; after the last, make the coefficients."""
-    stage = driver.counts[STAGE]
-    _keep_slope(driver.rows, _row_of(stage), driver.slope)
-    if stage < EXTRA + 2:
-        return _ask(driver, stage + 1)
+def _make_powers(driver: Driver) -> None:
+    """Coefficients of the dense output, from all slopes of the step."""
     rows, h = driver.rows, driver.real[H]
     for m in range(driver.point.shape[0]):
         rise = rows[Y_NEW, m] - rows[Y, m]
@@ -176,7 +174,6 @@ def next_dense_dop853(driver: Driver) -> int:
         row = rows[POWERS + 3 + power]
         row[:] = 0.0
         add_slopes(rows, HIGH_POWERS + power, h, row)
-    return READY
 
 
 @kernel

@@ -28,6 +28,8 @@ STUCK, FAILED, NOT_FINITE, DIVERGED = -1, -2, -3, -4  # steps too small; f has n
 
 # What a method answers to the march.
 ACCEPTED, REJECTED, READY = 10, 11, 12
+# What STAGE asks a method for before its own stages, which count from 0
+BEGIN, BEGIN_DENSE = -1, -2
 
 EULER, RK4, GAUSS, DOP853, ADAMS, RADAU = range(6)
 LAST_FIXED = GAUSS  # methods of fixed steps come first

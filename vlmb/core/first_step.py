@@ -43,7 +43,7 @@ def ask_probe(driver: Driver) -> None:
 
 @kernel
 def step_from_probe(driver: Driver) -> float:
-    """Step [s] whose error is about a hundredth of the tolerance by size and change of f: (0.01 / max(|f|, |f'|))^(1/(order+1))."""
+    """Step [s] by the size of f and of its change, for an error of a hundredth: (0.01 / max(|f|, |f'|))^(1 / (order + 1))."""
     real, rows, change = driver.real, driver.rows, driver.slope
     if driver.counts[FAILURE] or not is_finite(change):
         return SHARE * real[H]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vlmb.core.driver import (
     ACCEPTED,
+    BEGIN,
     CHANGE,
     CHANGE_OF_FIRST,
     DIVERGED,
@@ -13,6 +14,7 @@ from vlmb.core.driver import (
     ITERATION,
     METHOD,
     OWN,
+    READY,
     RK4,
     STAGE,
     STEP_INDEX,
@@ -38,7 +40,7 @@ MOST_ITERATIONS, ROUNDING, STALLED, GOOD_ENOUGH = 60, 1e-16, 1e-14, 1e-10  # cha
 
 
 @kernel
-def begin_fixed(driver: Driver) -> int:
+def _begin(driver: Driver) -> int:
     """Begin a step of length H; f at its start is known."""
     method = driver.counts[METHOD]
     if method == EULER:
@@ -52,6 +54,8 @@ def begin_fixed(driver: Driver) -> int:
 def next_fixed(driver: Driver) -> int:
     """Take a slope and ask for the next."""
     stage = driver.counts[STAGE]
+    if stage < 0:
+        return _begin(driver) if stage == BEGIN else READY  # a cubic needs nothing more
     if stage == NEW_STATE:
         _copy(driver.slope, driver.rows[F_NEW])
         return ACCEPTED

@@ -19,6 +19,8 @@ from vlmb.core.driver import (
     ACCEPTED,
     AFTER_DENSE,
     ANSWER,
+    BEGIN,
+    BEGIN_DENSE,
     CROSSING,
     DENSE,
     DONE,
@@ -43,12 +45,14 @@ from vlmb.core.driver import (
     NOT_FINITE,
     PATIENCE,
     PHASE,
+    READY,
     REJECTED,
     REJECTIONS,
     RETRY,
     SLICE,
     SLICE_SIZE,
     SLICE_USED,
+    STAGE,
     START,
     STEP_COUNT,
     STEP_INDEX,
@@ -72,10 +76,10 @@ from vlmb.core.driver import (
 from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
 from vlmb.core.indicators import find_suspects, note_start, note_step
 from vlmb.core.jit import kernel
-from vlmb.core.methods import begin_dense, begin_trial, interpolate, next_dense, next_stage
+from vlmb.core.methods import interpolate, next_stage
 
 # What the last answer was given to
-AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, EXTRAS, SUSPECTED, SAMPLING, OVER = range(11)
+AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
 GO = 100  # go on without asking
 NEARLY = 0.99  # a step that comes this near to the end goes to the end
 NO_STEP = 1e-9  # of a fixed step, which is rounding
@@ -95,8 +99,6 @@ def march(driver: Driver) -> int:
             code = _begin_step(driver)
         elif phase == INDICATED:
             code = _judge(driver)
-        elif phase == EXTRAS:
-            code = _go_on_with_dense(driver)
         elif phase in (SUSPECTED, SAMPLING):
             code = _finish_step(driver)
         else:
@@ -189,8 +191,9 @@ def _begin_step(driver: Driver) -> int:
         real[T_NEW] = end if count[LAST] else t + real[H_PLANNED]
         real[H] = end - t if count[LAST] else real[H_PLANNED]
     count[DENSE] = 0
+    count[STAGE] = BEGIN
     count[PHASE] = STAGES
-    return begin_trial(driver)
+    return GO
 
 
 @kernel
@@ -212,23 +215,26 @@ def _is_stuck(driver: Driver) -> bool:
 @kernel
 def _go_on_with_step(driver: Driver) -> int:
     """Hand an answer to the method; an accepted step goes to the indicators, or straight to the samples."""
-    count = driver.counts
-    if count[FAILURE]:
+    if driver.counts[FAILURE]:
         return _refuse(driver)
     code = next_stage(driver)
-    if code == EVALUATE:
-        return code
     if code == ACCEPTED:
-        if not (is_finite(driver.rows[Y_NEW]) and is_finite(driver.rows[F_NEW])):
-            return _refuse(driver)
-        if driver.indicators.shape[1]:
-            count[PHASE] = INDICATED
-            return INDICATE
-        count[PHASE] = SAMPLING
-        return GO
-    if code == REJECTED:
-        return _retry(driver)
-    return code
+        return _accept(driver)
+    if code == READY:
+        return _have_dense(driver)
+    return _retry(driver) if code == REJECTED else code
+
+
+@kernel
+def _accept(driver: Driver) -> int:
+    """An accepted step goes to the indicators, or straight to the samples; one that is not finite is none."""
+    if not (is_finite(driver.rows[Y_NEW]) and is_finite(driver.rows[F_NEW])):
+        return _refuse(driver)
+    if driver.indicators.shape[1]:
+        driver.counts[PHASE] = INDICATED
+        return INDICATE
+    driver.counts[PHASE] = SAMPLING
+    return GO
 
 
 @kernel
@@ -267,28 +273,16 @@ def _judge(driver: Driver) -> int:
 
 @kernel
 def _want_dense(driver: Driver, then: int) -> int:
-    """Make the dense output of this step ready if it is not."""
-    count = driver.counts
-    count[AFTER_DENSE] = then
-    if count[DENSE] == 0:
-        code = begin_dense(driver)
-        if code == EVALUATE:
-            count[PHASE] = EXTRAS
-            return EVALUATE
-    return _have_dense(driver)
-
-
-@kernel
-def _go_on_with_dense(driver: Driver) -> int:
-    """Hand an answer to the dense output; a step without it is taken back."""
-    if driver.counts[FAILURE] or not is_finite(driver.slope):
-        return _refuse(driver)
-    code = next_dense(driver)
-    return EVALUATE if code == EVALUATE else _have_dense(driver)
+    """Make the dense output of this step ready, then go on with a phase."""
+    driver.counts[AFTER_DENSE] = then
+    driver.counts[STAGE] = BEGIN_DENSE
+    driver.counts[PHASE] = STAGES
+    return GO
 
 
 @kernel
 def _have_dense(driver: Driver) -> int:
+    """Show suspects to the caller, or go back to the samples."""
     count = driver.counts
     count[DENSE] = 1
     count[PHASE] = count[AFTER_DENSE]
