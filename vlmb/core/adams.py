@@ -1,0 +1,264 @@
+"""Adams' method of variable order and step: predict, evaluate, correct, evaluate.
+
+The past is kept as modified divided differences phi_1 ... phi_(k+1) of f (Shampine and Gordon, Computer Solution of Ordinary
+Differential Equations, chapters 5 to 7), which a change of step only scales. A trial changes none of them, so that it may be
+given up at any time.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST
+from vlmb.core.driver import (
+    ACCEPTED,
+    ATOL,
+    BEGIN,
+    EQUAL_STEPS,
+    ERROR,
+    ERROR_LOWER,
+    EVALUATE,
+    F_NEW,
+    H_LAST,
+    H_NEXT,
+    LAST_ORDER,
+    NEXT_ORDER,
+    ORDER,
+    OWN,
+    RAISING,
+    READY,
+    REFUSALS,
+    REJECTED,
+    RETRY,
+    RTOL,
+    STAGE,
+    STEP_INDEX,
+    T_NEW,
+    TIME,
+    Y_NEW,
+    Array,
+    Driver,
+    F,
+    H,
+    Y,
+)
+from vlmb.core.first_step import is_finite, scaled_norm
+from vlmb.core.jit import kernel
+
+PHI = OWN  # rows PHI + i, i = 1 ... k + 2
+PREDICTED = OWN + 16  # rows of the same differences at the new time, by the predictor
+ALPHA, BETA, SIGMA, G, W, PSI, NEW_PSI = range(7)  # rows of the table, columns from 1
+G_INSIDE, W_INSIDE = 7, 8  # for the interpolation
+PREDICTION, CORRECTION = 0, 1  # which slope is asked for
+SLOWEST, FASTEST, COLLAPSE = 0.5, 0.9, 0.1  # factors of a shorter step
+
+
+@kernel
+def _begin(driver: Driver) -> int:
+    """Predict y at T_NEW by all differences of the order; ask for f there."""
+    count, real = driver.counts, driver.real
+    if count[RETRY]:
+        count[RAISING] = 0
+    if count[STEP_INDEX] == 0:
+        _forget(driver)
+    if real[H] == real[H_LAST] and count[STEP_INDEX] > 0:
+        count[EQUAL_STEPS] = min(count[EQUAL_STEPS], count[LAST_ORDER]) + 1
+    else:
+        count[EQUAL_STEPS] = 1
+    _make_coefficients(driver.table, real[H], count[ORDER])
+    _predict(driver, count[ORDER])
+    return _ask_new(driver, PREDICTION)
+
+
+@kernel
+def _forget(driver: Driver) -> None:
+    """Begin with order 1, to be raised at every step until that fails."""
+    count = driver.counts
+    count[ORDER] = 1
+    count[LAST_ORDER] = 0
+    if not count[RETRY]:
+        count[RAISING] = 1
+        count[REFUSALS] = 0
+    for j in range(driver.point.shape[0]):
+        driver.rows[PHI + 1, j] = driver.rows[F, j]
+        driver.rows[PHI + 2, j] = 0.0
+
+
+@kernel
+def _ask_new(driver: Driver, stage: int) -> int:
+    """Ask for f(T_NEW, Y_NEW)."""
+    driver.counts[STAGE] = stage
+    driver.real[TIME] = driver.real[T_NEW]
+    for j in range(driver.point.shape[0]):
+        driver.point[j] = driver.rows[Y_NEW, j]
+    return EVALUATE
+
+
+@kernel
+def _make_coefficients(table: Array, h: float, k: int) -> None:
+    """Lengths psi_i of the last i steps, their ratios alpha, beta, sigma, and integrals g_i of i-th differences over the step."""
+    table[NEW_PSI, 1], table[ALPHA, 1], table[BETA, 1], table[SIGMA, 1], table[SIGMA, 2] = h, 1.0, 1.0, 1.0, 1.0
+    for i in range(2, k + 1):
+        table[NEW_PSI, i] = table[PSI, i - 1] + h
+        table[BETA, i] = table[BETA, i - 1] * (table[NEW_PSI, i - 1] / table[PSI, i - 1])
+        table[ALPHA, i] = h / table[NEW_PSI, i]
+        table[SIGMA, i + 1] = i * table[ALPHA, i] * table[SIGMA, i]
+    for q in range(1, k + 2):
+        table[W, q] = 1.0 / q
+    table[G, 1] = 1.0
+    for i in range(2, k + 2):
+        for q in range(1, k + 3 - i):
+            table[W, q] -= table[ALPHA, i - 1] * table[W, q + 1]
+        table[G, i] = table[W, 1]
+
+
+@kernel
+def _predict(driver: Driver, k: int) -> None:
+    """y1 = y0 + h sum g_i beta_i phi_i; the i-th difference at the new time is the sum of all beta phi from i on."""
+    rows, table, h = driver.rows, driver.table, driver.real[H]
+    for j in range(driver.point.shape[0]):
+        rows[Y_NEW, j] = rows[Y, j]
+        rows[PREDICTED + k + 1, j] = 0.0
+    for i in range(k, 0, -1):
+        beta, weight = table[BETA, i], h * table[G, i]
+        for j in range(driver.point.shape[0]):
+            scaled = beta * rows[PHI + i, j]
+            rows[Y_NEW, j] += weight * scaled
+            rows[PREDICTED + i, j] = rows[PREDICTED + i + 1, j] + scaled
+
+
+@kernel
+def next_adams(driver: Driver) -> int:
+    """Judge the prediction by f there and correct it; or take f of the corrected state and choose the next order and step."""
+    stage = driver.counts[STAGE]
+    if stage < 0:
+        return _begin(driver) if stage == BEGIN else READY  # the differences are the dense output
+    if stage == PREDICTION:
+        return _correct(driver)
+    if not is_finite(driver.slope):
+        driver.real[H_NEXT] = COLLAPSE * driver.real[H]
+        return REJECTED
+    _update_differences(driver)
+    _choose_next(driver)
+    return ACCEPTED
+
+
+@kernel
+def _correct(driver: Driver) -> int:
+    """y1 + h g_(k+1) (f - predicted f), if the error h (g_k - g_(k+1)) |f - predicted f| is below the tolerance."""
+    count, real, rows, table = driver.counts, driver.real, driver.rows, driver.table
+    k, h = count[ORDER], real[H]
+    miss = _norm(driver, 0, driver.slope)
+    lower = h * table[SIGMA, k] * ERROR_CONSTANTS[k - 1] * _norm(driver, k, driver.slope) if k > 1 else 0.0
+    lowest = h * table[SIGMA, k - 1] * ERROR_CONSTANTS[k - 2] * _norm(driver, k - 1, driver.slope) if k > 2 else 0.0
+    error = h * miss * table[SIGMA, k + 1] * ERROR_CONSTANTS[k]
+    lowers = max(lower, lowest) <= error if k > 2 else (k == 2 and lower <= 0.5 * error)
+    count[NEXT_ORDER] = k - 1 if lowers else k
+    real[ERROR], real[ERROR_LOWER] = error, lower
+    if not h * miss * (table[G, k] - table[G, k + 1]) <= 1.0:
+        return _reject(driver, miss)
+    count[REFUSALS] = 0
+    weight = h * table[G, k + 1]
+    for j in range(driver.point.shape[0]):
+        rows[Y_NEW, j] += weight * (driver.slope[j] - rows[PREDICTED + 1, j])
+    return _ask_new(driver, CORRECTION)
+
+
+@kernel
+def _norm(driver: Driver, i: int, slope: Array) -> float:
+    """Norm of the predicted i-th difference (none for 0) plus what f differs from its prediction."""
+    rows, rtol, atol = driver.rows, driver.real[RTOL], driver.real[ATOL]
+    total, n = 0.0, slope.shape[0]
+    for j in range(n):
+        miss = slope[j] - rows[PREDICTED + 1, j] + (rows[PREDICTED + i, j] if i > 0 else 0.0)
+        total += (miss / (atol + rtol * abs(rows[Y, j]))) ** 2
+    return math.sqrt(total / n)
+
+
+@kernel
+def _reject(driver: Driver, miss: float) -> int:
+    """Halve the step; from the third refusal on, start again with order 1."""
+    count, real = driver.counts, driver.real
+    count[RAISING] = 0
+    count[REFUSALS] += 1
+    factor = 0.5
+    if count[REFUSALS] > 3 and real[ERROR] > 2.0:
+        factor = math.sqrt(0.5 / real[ERROR])
+    if not miss < 1e300:
+        factor = COLLAPSE
+    if count[REFUSALS] >= 3 or not miss < 1e300:
+        count[NEXT_ORDER] = 1
+    count[ORDER] = count[NEXT_ORDER]
+    real[H_NEXT] = factor * real[H]
+    return REJECTED
+
+
+@kernel
+def _update_differences(driver: Driver) -> None:
+    """phi_i at the new time: the predicted ones plus what f differs from its prediction; of order k + 2 that of equal steps."""
+    rows, table, k = driver.rows, driver.table, driver.counts[ORDER]
+    for j in range(driver.point.shape[0]):
+        rows[F_NEW, j] = driver.slope[j]
+        miss = driver.slope[j] - rows[PREDICTED + 1, j]
+        rows[PHI + k + 2, j] = miss - rows[PHI + k + 1, j]
+        rows[PHI + k + 1, j] = miss
+    for i in range(1, k + 1):
+        table[PSI, i] = table[NEW_PSI, i]
+        for j in range(driver.point.shape[0]):
+            rows[PHI + i, j] = rows[PREDICTED + i, j] + rows[PHI + k + 1, j]
+    driver.counts[LAST_ORDER] = k
+
+
+@kernel
+def _choose_next(driver: Driver) -> None:
+    """Raise or lower the order to where the error is least; double the step or shorten it only where that gains."""
+    count, real = driver.counts, driver.real
+    k, error = count[ORDER], real[ERROR]
+    if count[NEXT_ORDER] < k or k == HIGHEST:
+        count[RAISING] = 0
+    if count[RAISING]:
+        k, error = k + 1, 0.0
+    elif count[NEXT_ORDER] < k:
+        k, error = k - 1, real[ERROR_LOWER]
+    elif k + 1 <= count[EQUAL_STEPS]:
+        row = driver.rows[PHI + k + 2]
+        higher = real[H] * ERROR_CONSTANTS[k + 1] * scaled_norm(row, driver.rows[Y], real[RTOL], real[ATOL])
+        if k > 1 and real[ERROR_LOWER] <= min(error, higher):
+            k, error = k - 1, real[ERROR_LOWER]
+        elif k < HIGHEST and higher < (error if k > 1 else 0.5 * error):
+            k, error = k + 1, higher
+    count[ORDER] = k
+    real[H_NEXT] = real[H] * _factor(error, k, count[RAISING] != 0)
+
+
+@kernel
+def _factor(error: float, k: int, raising: bool) -> float:
+    """Factor of the next step: 2, 1, or at least a half."""
+    if raising or error * 2.0 ** (k + 1) <= 0.5:
+        return 2.0
+    if error <= 0.5:
+        return 1.0
+    return max(SLOWEST, min(FASTEST, (0.5 / error) ** (1.0 / (k + 1))))
+
+
+@kernel
+def interpolate_adams(driver: Driver, t: float, y: Array) -> None:
+    """y(t) = y1 + s sum g_i phi_i, s = t - t1 <= 0: the polynomial of the k + 1 newest slopes, integrated from the step's end."""
+    rows, table = driver.rows, driver.table
+    s, k = t - driver.real[T_NEW], driver.counts[LAST_ORDER] + 1
+    for i in range(1, k + 1):
+        table[W_INSIDE, i] = 1.0 / i
+    table[G_INSIDE, 1] = 1.0
+    behind = 0.0
+    for i in range(2, k + 1):
+        length = table[PSI, i - 1]
+        ratio, share = (s + behind) / length, s / length
+        for q in range(1, k + 2 - i):
+            table[W_INSIDE, q] = ratio * table[W_INSIDE, q] - share * table[W_INSIDE, q + 1]
+        table[G_INSIDE, i] = table[W_INSIDE, 1]
+        behind = length
+    for j in range(y.shape[0]):
+        total = 0.0
+        for i in range(k, 0, -1):
+            total += table[G_INSIDE, i] * rows[PHI + i, j]
+        y[j] = rows[Y_NEW, j] + s * total

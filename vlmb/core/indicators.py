@@ -1,0 +1,132 @@
+"""Signs of indicators over a step: those that changed, and those that a cubic says came back within it."""
+
+from __future__ import annotations
+
+import math
+
+from vlmb.core.driver import (
+    DIRECTION,
+    HIT,
+    RATE,
+    RATE_BEFORE,
+    RESUMED,
+    SIDE,
+    VALUE,
+    VALUE_BEFORE,
+    ZERO,
+    ZERO_RATE,
+    Array,
+    Driver,
+    H,
+)
+from vlmb.core.jit import kernel
+
+
+@kernel
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    if x > 0.0:
+        return 1.0
+    return -1.0 if x < 0.0 else 0.0
+
+
+@kernel
+def side_at_start(value: float, rate: float, zero: float, zero_rate: float) -> float:
+    """Side of 0: that of the value, or on 0 the one it moves to; 0 if it rests there: then any motion leaves it."""
+    if abs(value) > zero:
+        return sign(value)
+    return sign(rate) if abs(rate) > zero_rate else 0.0
+
+
+@kernel
+def note_start(driver: Driver) -> None:
+    """Take the indicators at the start of a run; HIT of a resumed one means that its side is known."""
+    g = driver.indicators
+    for i in range(g.shape[1]):
+        if driver.counts[RESUMED] and g[HIT, i] != 0.0:
+            g[SIDE, i] = g[HIT, i]
+        else:
+            g[SIDE, i] = side_at_start(g[VALUE, i], g[RATE, i], g[ZERO, i], g[ZERO_RATE, i])
+        g[HIT, i] = 0.0
+    _remember(g)
+
+
+@kernel
+def note_step(driver: Driver) -> None:
+    """Take the indicators at the end of an accepted step as those at the start of the next."""
+    g = driver.indicators
+    for i in range(g.shape[1]):
+        now = sign(g[VALUE, i])
+        if now != 0.0:
+            g[SIDE, i] = now
+        g[HIT, i] = 0.0
+    _remember(g)
+
+
+@kernel
+def _remember(g: Array) -> None:
+    for i in range(g.shape[1]):
+        g[VALUE_BEFORE, i] = g[VALUE, i]
+        g[RATE_BEFORE, i] = g[RATE, i]
+
+
+@kernel
+def find_suspects(driver: Driver) -> bool:
+    """Mark in HIT the indicators that may have crossed 0 in a watched direction within the step; return whether there are any."""
+    g, h = driver.indicators, driver.real[H]
+    some = False
+    for i in range(g.shape[1]):
+        start = (g[SIDE, i], g[VALUE_BEFORE, i], h * g[RATE_BEFORE, i])
+        crossed = crosses(start, g[VALUE, i], h * g[RATE, i], g[DIRECTION, i])
+        g[HIT, i] = 1.0 if crossed else 0.0
+        some = some or crossed
+    return some
+
+
+@kernel
+def crosses(start: tuple[float, float, float], g1: float, m1: float, direction: float) -> bool:
+    """Whether the cubic through values g and slopes m at both ends changes sign in a direction (0: any) for x in [0, 1].
+
+    `start`: side of 0 at x = 0, g0, m0.
+    """
+    side, g0, m0 = start
+    inside0, inside1 = g0 + m0 / 3.0, g1 - m1 / 3.0  # its Bezier points: all on one side, the curve too
+    if side > 0.0 and inside0 > 0.0 and inside1 > 0.0 and g1 > 0.0:
+        return False
+    if side < 0.0 and inside0 < 0.0 and inside1 < 0.0 and g1 < 0.0:
+        return False
+    first, second = turning_points(g0, m0, g1, m1)
+    for x in (first, second):
+        if 0.0 < x < 1.0:
+            now = sign(hermite(x, g0, m0, g1, m1))
+            if leaves(side, now, direction):
+                return True
+            side = side if now == 0.0 else now
+    return leaves(side, sign(g1), direction)
+
+
+@kernel
+def leaves(side: float, now: float, direction: float) -> bool:
+    """Whether going from one side of 0 to another is a crossing that is watched."""
+    return now != 0.0 and now != side and direction * now >= 0.0
+
+
+@kernel
+def hermite(x: float, g0: float, m0: float, g1: float, m1: float) -> float:
+    """Cubic through (0, g0) and (1, g1) with slopes m0 and m1."""
+    rise = g1 - g0
+    return g0 + x * (m0 + x * (3.0 * rise - 2.0 * m0 - m1 + x * (m0 + m1 - 2.0 * rise)))
+
+
+@kernel
+def turning_points(g0: float, m0: float, g1: float, m1: float) -> tuple[float, float]:
+    """Where the cubic's slope m0 + 2 b x + 3 c x^2 is 0, in ascending order; -1 if nowhere."""
+    rise = g1 - g0
+    b, c = 3.0 * rise - 2.0 * m0 - m1, 3.0 * (m0 + m1 - 2.0 * rise)
+    square = b * b - c * m0
+    if not square > 0.0:
+        return -1.0, -1.0
+    q = -(b + math.copysign(math.sqrt(square), b))
+    one = m0 / q if q != 0.0 else -1.0
+    other = q / c if c != 0.0 else -1.0
+    return min(one, other), max(one, other)

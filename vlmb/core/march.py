@@ -1,0 +1,379 @@
+"""The march of a method from a time to an end: steps, samples, indicators, slices and what stops it; see `driver` for the codes.
+
+A caller's loop, compiled or not:
+
+    begin(driver, t, end)  # y in driver.point
+    code = march(driver)
+    while code > DONE:
+        if code == EVALUATE:
+            count[FAILURE] = f(real[TIME], driver.point, driver.slope)
+        elif code == INDICATE: ...
+        code = march(driver)
+"""
+
+from __future__ import annotations
+
+import math
+
+from vlmb.core.driver import (
+    ACCEPTED,
+    AFTER_DENSE,
+    ANSWER,
+    BEGIN,
+    BEGIN_DENSE,
+    CROSSING,
+    DENSE,
+    DONE,
+    END,
+    EVALUATE,
+    EVALUATIONS,
+    F_NEW,
+    FAILED,
+    FAILURE,
+    FIRST_FAILURE,
+    GO_ON,
+    H_LAST,
+    H_MAX,
+    H_NEXT,
+    H_PLANNED,
+    INDICATE,
+    LAST,
+    LAST_FIXED,
+    LEAST_PROGRESS,
+    METHOD,
+    NEXT_SAMPLE,
+    NOT_FINITE,
+    PATIENCE,
+    PHASE,
+    READY,
+    REJECTED,
+    REJECTIONS,
+    RETRY,
+    SLICE,
+    SLICE_SIZE,
+    SLICE_USED,
+    STAGE,
+    START,
+    STEP_COUNT,
+    STEP_INDEX,
+    STEPS,
+    STOP,
+    STOP_TIME,
+    STOPPED,
+    STUCK,
+    T_NEW,
+    TIME,
+    TIME_BEFORE,
+    TRIALS,
+    WINDOW,
+    Y_NEW,
+    Array,
+    Driver,
+    F,
+    H,
+    Y,
+)
+from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
+from vlmb.core.indicators import find_suspects, note_start, note_step
+from vlmb.core.jit import kernel
+from vlmb.core.methods import interpolate, next_stage
+
+# What the last answer was given to
+AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
+GO = 100  # go on without asking
+NEARLY = 0.99  # a step that comes this near to the end goes to the end
+NO_STEP = 1e-9  # of a fixed step, which is rounding
+REFUSED = 0.25  # factor of a step where f has no answer
+ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way from start to end
+
+
+@kernel
+def march(driver: Driver) -> int:
+    """Go on to the next thing that is asked of the caller; return its code."""
+    code = GO
+    while code == GO:
+        phase = driver.counts[PHASE]
+        if phase == STAGES:
+            code = _go_on_with_step(driver)
+        elif phase == TRIAL:
+            code = _begin_step(driver)
+        elif phase == INDICATED:
+            code = _judge(driver)
+        elif phase in (SUSPECTED, SAMPLING):
+            code = _finish_step(driver)
+        else:
+            code = _go_on_with_start(driver)
+    if code < DONE:
+        _show_start_of_step(driver)
+    if code == EVALUATE:
+        driver.counts[EVALUATIONS] += 1
+        driver.counts[SLICE_USED] += 1
+    return code
+
+
+@kernel
+def _go_on_with_start(driver: Driver) -> int:
+    """From `begin` to the first step."""
+    count, real = driver.counts, driver.real
+    phase = count[PHASE]
+    if phase == AT_START:
+        count[PHASE] = FIRST_SLOPE
+        return EVALUATE
+    if phase == FIRST_SLOPE:
+        return _take_first_slope(driver)
+    if phase == FIRST_INDICATORS:
+        note_start(driver)
+        return _choose_first_step(driver)
+    if phase == PROBED:
+        real[H_NEXT] = step_from_probe(driver)
+        count[FAILURE] = 0
+        count[PHASE] = TRIAL
+        return GO
+    return DONE
+
+
+@kernel
+def _take_first_slope(driver: Driver) -> int:
+    """Keep f at the start, write samples there."""
+    count, real = driver.counts, driver.real
+    if count[FAILURE]:
+        count[FIRST_FAILURE] = count[FAILURE]
+        return FAILED
+    if not (is_finite(driver.slope) and is_finite(driver.point)):
+        return NOT_FINITE
+    for j in range(driver.slope.shape[0]):
+        driver.rows[F, j] = driver.slope[j]
+        driver.rows[F_NEW, j] = driver.slope[j]
+    _write_samples(driver, real[START])
+    if not real[START] < real[END]:
+        count[PHASE] = OVER
+        return DONE
+    if driver.indicators.shape[1]:
+        count[PHASE] = FIRST_INDICATORS
+        return INDICATE
+    return _choose_first_step(driver)
+
+
+@kernel
+def _choose_first_step(driver: Driver) -> int:
+    """Take the step asked for, or probe for one; fixed steps divide the way evenly."""
+    count, real = driver.counts, driver.real
+    count[PHASE] = TRIAL
+    if count[METHOD] <= LAST_FIXED:
+        way = real[END] - real[START]
+        count[STEP_COUNT] = max(1, math.ceil(way / min(real[H_NEXT], real[H_MAX]) - NO_STEP))
+        real[H_NEXT] = way / count[STEP_COUNT]
+        return GO
+    if real[H_NEXT] > 0.0:
+        return GO
+    ask_probe(driver)
+    count[PHASE] = PROBED
+    return EVALUATE
+
+
+@kernel
+def _begin_step(driver: Driver) -> int:
+    """Begin a trial step that ends at `end` at the latest; say SLICE or STUCK where it is time to."""
+    count, real = driver.counts, driver.real
+    if count[SLICE_USED] >= count[SLICE_SIZE]:
+        count[SLICE_USED] = 0
+        return SLICE
+    t, end = real[TIME_BEFORE], real[END]
+    if count[METHOD] <= LAST_FIXED:
+        count[LAST] = 1 if count[STEP_INDEX] + 1 >= count[STEP_COUNT] else 0
+        real[T_NEW] = end if count[LAST] else real[START] + (count[STEP_INDEX] + 1) * real[H_NEXT]
+        real[H] = real[H_NEXT]
+    else:
+        if _is_stuck(driver):
+            return STUCK
+        real[H_PLANNED] = min(real[H_NEXT], real[H_MAX])
+        count[LAST] = 1 if t + real[H_PLANNED] >= end - (1.0 - NEARLY) * real[H_PLANNED] else 0
+        real[T_NEW] = end if count[LAST] else t + real[H_PLANNED]
+        real[H] = end - t if count[LAST] else real[H_PLANNED]
+    count[DENSE] = 0
+    count[STAGE] = BEGIN
+    count[PHASE] = STAGES
+    return GO
+
+
+@kernel
+def _is_stuck(driver: Driver) -> bool:
+    """Whether the step is lost in the rounding of t, or too many steps went too short a way."""
+    count, real = driver.counts, driver.real
+    t, h = real[TIME_BEFORE], real[H_NEXT]
+    if not (h > ROUNDING * abs(t) and h > TINIEST * (real[END] - real[START])) and t + h < real[END]:
+        return True
+    count[TRIALS] += 1
+    if count[TRIALS] < count[PATIENCE]:
+        return False
+    slow = t - real[WINDOW] < min(real[LEAST_PROGRESS], 1e-4 * (real[END] - real[START]))
+    count[TRIALS] = 0
+    real[WINDOW] = t
+    return slow
+
+
+@kernel
+def _go_on_with_step(driver: Driver) -> int:
+    """Hand an answer to the method; an accepted step goes to the indicators, or straight to the samples."""
+    if driver.counts[FAILURE]:
+        return _refuse(driver)
+    code = next_stage(driver)
+    if code == ACCEPTED:
+        return _accept(driver)
+    if code == READY:
+        return _have_dense(driver)
+    return _retry(driver) if code == REJECTED else code
+
+
+@kernel
+def _accept(driver: Driver) -> int:
+    """An accepted step goes to the indicators, or straight to the samples; one that is not finite is none."""
+    if not (is_finite(driver.rows[Y_NEW]) and is_finite(driver.rows[F_NEW])):
+        return _refuse(driver)
+    if driver.indicators.shape[1]:
+        driver.counts[PHASE] = INDICATED
+        return INDICATE
+    driver.counts[PHASE] = SAMPLING
+    return GO
+
+
+@kernel
+def _refuse(driver: Driver) -> int:
+    """Try a shorter step where f had no answer; keep the first reason. Fixed steps cannot."""
+    count, real = driver.counts, driver.real
+    if count[FIRST_FAILURE] == 0:
+        count[FIRST_FAILURE] = count[FAILURE]
+    failed = count[FAILURE] != 0
+    count[FAILURE] = 0
+    if count[METHOD] <= LAST_FIXED:
+        count[PHASE] = OVER
+        return FAILED if failed else NOT_FINITE
+    real[H_NEXT] = REFUSED * real[H]
+    return _retry(driver)
+
+
+@kernel
+def _retry(driver: Driver) -> int:
+    count = driver.counts
+    count[REJECTIONS] += 1
+    count[RETRY] = 1
+    count[PHASE] = TRIAL
+    return GO
+
+
+@kernel
+def _judge(driver: Driver) -> int:
+    """Look at the indicators; suspects want the dense output and the caller's verdict."""
+    driver.counts[ANSWER] = GO_ON
+    if not find_suspects(driver):
+        driver.counts[PHASE] = SAMPLING
+        return GO
+    return _want_dense(driver, SUSPECTED)
+
+
+@kernel
+def _want_dense(driver: Driver, then: int) -> int:
+    """Make the dense output of this step ready, then go on with a phase."""
+    driver.counts[AFTER_DENSE] = then
+    driver.counts[STAGE] = BEGIN_DENSE
+    driver.counts[PHASE] = STAGES
+    return GO
+
+
+@kernel
+def _have_dense(driver: Driver) -> int:
+    """Show suspects to the caller, or go back to the samples."""
+    count = driver.counts
+    count[DENSE] = 1
+    count[PHASE] = count[AFTER_DENSE]
+    if count[PHASE] == SUSPECTED:
+        _show_new_state(driver)
+        return CROSSING
+    return GO
+
+
+@kernel
+def _show_new_state(driver: Driver) -> None:
+    """Put the end of the step where the caller reads it."""
+    driver.real[TIME] = driver.real[T_NEW]
+    for j in range(driver.point.shape[0]):
+        driver.point[j] = driver.rows[Y_NEW, j]
+        driver.slope[j] = driver.rows[F_NEW, j]
+
+
+@kernel
+def _show_start_of_step(driver: Driver) -> None:
+    """Put the last good state where the caller reads it."""
+    driver.real[TIME] = driver.real[TIME_BEFORE]
+    for j in range(driver.point.shape[0]):
+        driver.point[j] = driver.rows[Y, j]
+
+
+@kernel
+def _finish_step(driver: Driver) -> int:
+    """Write the samples of the step, then go on from its end, or stop within it."""
+    count, real = driver.counts, driver.real
+    stops = driver.indicators.shape[1] > 0 and count[ANSWER] == STOP
+    until = min(max(real[STOP_TIME], real[TIME_BEFORE]), real[T_NEW]) if stops else real[T_NEW]
+    if count[DENSE] == 0 and _sample_inside(driver, until):
+        return _want_dense(driver, SAMPLING)
+    _write_samples(driver, until)
+    count[STEPS] += 1
+    if stops:
+        real[TIME] = until
+        state_at(driver, until, driver.point)
+        count[PHASE] = OVER
+        return STOPPED
+    if driver.indicators.shape[1]:
+        note_step(driver)
+    return _step_on(driver)
+
+
+@kernel
+def _step_on(driver: Driver) -> int:
+    """Make the end of the step the start of the next."""
+    count, real, rows = driver.counts, driver.real, driver.rows
+    if real[T_NEW] >= real[END]:
+        _show_new_state(driver)
+        real[H_NEXT] = max(real[H_NEXT], real[H_PLANNED])  # the last step may have been cut
+        count[PHASE] = OVER
+        return DONE
+    real[TIME_BEFORE] = real[T_NEW]
+    real[H_LAST] = real[H]
+    for j in range(driver.point.shape[0]):
+        rows[Y, j] = rows[Y_NEW, j]
+        rows[F, j] = rows[F_NEW, j]
+    count[STEP_INDEX] += 1
+    count[RETRY] = 0
+    count[FIRST_FAILURE] = 0
+    count[PHASE] = TRIAL
+    return GO
+
+
+@kernel
+def _sample_inside(driver: Driver, until: float) -> bool:
+    """Whether the next sample is within the step and not at its end."""
+    k = driver.counts[NEXT_SAMPLE]
+    return k < driver.times.shape[0] and driver.times[k] <= until and driver.times[k] < driver.real[T_NEW]
+
+
+@kernel
+def _write_samples(driver: Driver, until: float) -> None:
+    """Write all samples up to a time, by the dense output if it is ready."""
+    count, times = driver.counts, driver.times
+    while count[NEXT_SAMPLE] < times.shape[0] and times[count[NEXT_SAMPLE]] <= until:
+        k = count[NEXT_SAMPLE]
+        state_at(driver, times[k], driver.samples[k])
+        count[NEXT_SAMPLE] = k + 1
+
+
+@kernel
+def state_at(driver: Driver, t: float, y: Array) -> None:
+    """Write y(t) within the step under way: its ends as they are, the dense output between them."""
+    inside = driver.real[TIME_BEFORE] < t < driver.real[T_NEW]
+    if inside:
+        interpolate(driver, t, y)
+        return
+    row = Y if t <= driver.real[TIME_BEFORE] else Y_NEW
+    for j in range(y.shape[0]):
+        y[j] = driver.rows[row, j]
