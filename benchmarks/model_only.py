@@ -26,8 +26,8 @@ import pinocchio as pin
 from rhs_cost import chain, imports, micro
 
 import vlmb
-from vlmb.cli import independent
 from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.simulation.simulate import Checked
 from vlmb.system.dynamics import Dynamics
 from vlmb.system.start import consistent_start
 
@@ -151,7 +151,7 @@ def measure_scene(path: Path) -> dict[str, Any]:
     plain = Prepared(scene)
     mechanism = plain.mechanism
     found: dict[str, Any] = {
-        "degrees_of_freedom": independent(mechanism, consistent_start(mechanism)),
+        "degrees_of_freedom": Checked(mechanism, consistent_start(mechanism)).degrees_of_freedom,
         "joints": mechanism.model.njoints - 1,
         "velocities": mechanism.model.nv,
         "data": data_bytes(mechanism.model.nv),
