@@ -45,15 +45,16 @@ def _put(place: Any, shape: Shape, parts: list[str], at: int, value: Any, names:
     else:
         known = keys_of(shape.table) if isinstance(place, dict) and shape.table else {}
         if part not in known:
-            what = f"{done} has no key {part!r}" if known else f"{done} is no table and no list"
-            raise SceneError(f"{key}: {what if done else f'a scene has no key {part!r}'}; {nearest(part, known)}")
+            raise SceneError(f"{key}: {done or 'a scene'} has no key {part!r}; {nearest(part, known)}")
         inner = known[part]
     if at + 1 == len(parts):
         _set(place, part, value)
         return
+    if inner in (None, Shape(), Shape(number=True)):
+        raise SceneError(f"{key}: {'.'.join(parts[: at + 1])} is no table and no list")
     if isinstance(place, dict) and place.get(part) is None:
         place[part] = _default(shape.table, part, key, ".".join(parts[: at + 1]))
-    _put(place[part], inner or Shape(), parts, at + 1, value, names)
+    _put(place[part], inner, parts, at + 1, value, names)
 
 
 def _index(place: list[Any], part: str, key: str, done: str, names: list[str]) -> int:

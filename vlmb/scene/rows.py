@@ -36,7 +36,7 @@ class SceneRows(NamedTuple):
 def read_row(text: str, key: str) -> Row:
     """Split the name, a word before the first colon, from an equation. Raises SceneError where it is no name."""
     name, colon, equation = text.partition(":")
-    if not colon:
+    if not colon or "=" in name or equation.startswith("="):  # a colon elsewhere is refused with the equation
         return Row(text.strip(), text.strip(), key)
     name = name.strip()
     if not re.fullmatch(NAME, name) or len(name) > MAX_NAME:

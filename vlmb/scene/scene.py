@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ else:
     import tomli as tomllib
 
 MAX_FILE_BYTES = 4_000_000
-SHOWN = 6  # links, rows or controls that a repr names
+SHOWN, WIDTH = 6, 32  # links, rows or controls that a repr names, and characters of each
 
 
 class Scene(SceneTables, frozen=True, kw_only=True):
@@ -162,9 +162,9 @@ def as_scene(what: Any) -> Scene:
         return load_scene(what)
     if isinstance(what, Mapping):
         return Scene.from_dict(what)
-    found = f"{type(what).__module__}.{type(what).__qualname__}"
-    why = "; a model of Pinocchio alone has no scene" if found.startswith("pinocchio") else ""
-    raise SceneError(f"a scene is needed: a Scene, the path of a scene file, or a dict with its keys; found a {found}{why}")
+    foreign = type(what).__module__.startswith("pinocchio")
+    found = f"a {type(what).__name__} of Pinocchio, which has no scene," if foreign else f"{what!r:.80}"
+    raise SceneError(f"{found}: must be a Scene, the path of a scene file, or a dict with its keys")
 
 
 def _hashable(value: Any) -> Any:
@@ -174,5 +174,6 @@ def _hashable(value: Any) -> Any:
     return tuple(map(_hashable, value)) if isinstance(value, (list, tuple)) else value
 
 
-def _listed(names: Any) -> str:
-    return ", ".join(map(str, names[:SHOWN])) + (f", ... ({len(names)})" if len(names) > SHOWN else "")
+def _listed(names: Sequence[str]) -> str:
+    shown = [name if len(name) <= WIDTH else f"{name[: WIDTH - 3]}..." for name in names[:SHOWN]]
+    return ", ".join(shown) + (f", ... ({len(names)})" if len(names) > SHOWN else "")

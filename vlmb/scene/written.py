@@ -132,10 +132,9 @@ def _value(expression: Expression, values: Mapping[str, float], given: Any) -> f
     for name in sorted(expression.names - values.keys()):
         if isinstance(given, dict) and name in given:
             raise SceneError(f"parameters.{name} = {given[name]!r:.80}: must be a number")
-        hint = f"parameters of this scene: {nearest(name, values)}" if values else "this scene has no parameters"
-        raise failure(
-            expression.key, expression.text, f"unknown name {name!r}", f"a number, or an expression of parameters; {hint}"
-        )
+        hint = nearest(name, values) if values else "this scene has none"
+        advice = f"a number is needed, or an expression of parameters; {hint}"
+        raise failure(expression.key, expression.text, f"unknown name {name!r}", advice)
     return evaluate(expression, values)
 
 
