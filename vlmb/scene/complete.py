@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import keyword
 import math
 import numbers
@@ -30,7 +32,19 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
 
     Raises SceneError with the key path, what was found and what is allowed.
     """
-    plain, written = resolve(_plain(dict(data), ""), SceneTables)
+    tables, texts = _converted(_plain(dict(data), ""))
+    tables = msgspec.structs.replace(tables, links=_named(tables.links))
+    check_names(tables.links, rows_of(tables))
+    _check_tree(tables.links)
+    _check(tables, texts)
+    return tables
+
+
+def _converted(data: dict[str, Any]) -> tuple[SceneTables, dict[str, Written]]:
+    """Convert plain data to the tables; return what is written as an expression, by key path, as well."""
+    with contextlib.suppress(msgspec.ValidationError):
+        return msgspec.convert(data, SceneTables), {}  # a text where a number belongs does not pass
+    plain, written = resolve(data, SceneTables)
     texts = {key_of(path): number for path, number in written.items()}
     for key, number in texts.items():
         _in_range(number, f"{key} = {number.text!r}")
@@ -40,19 +54,26 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
         raise SceneError(explain(str(error), plain, SceneTables, texts)) from None
     for path, number in written.items():
         tables = put(tables, path, number)
-    tables = msgspec.structs.replace(tables, links=_named(tables.links))
-    check_names(tables.links, rows_of(tables))
-    _check_tree(tables.links)
-    _check(tables, texts)
-    return tables
+    return tables, texts
 
 
 def _plain(value: Any, key: str, depth: int = 0) -> Any:
     """Copy data with plain numbers (NumPy's too) and tables as dicts; refuse what is not data, not finite, too large or deep."""
+    kind = type(value)
+    if value is None or kind is bool or kind is str:
+        return value
+    if kind is int:
+        if abs(value) > 2**63:
+            raise SceneError(f"{key}: this whole number is too large")
+        return value
+    if kind is float:
+        if math.isnan(value) or (math.isinf(value) and not re.search(r"limits\[\d\]$", key)):
+            raise SceneError(f"{key} = {value}: must be a finite number")
+        return _in_range(value, key)
+    if isinstance(value, (dict, list, tuple, Table)) and depth > MAX_DEPTH:
+        raise SceneError(f"{key[:80]}...: nested more than {MAX_DEPTH} deep")
     if isinstance(value, Table):
         value = _given(value)
-    if isinstance(value, (dict, list, tuple)) and depth > MAX_DEPTH:
-        raise SceneError(f"{key[:80]}...: nested more than {MAX_DEPTH} deep")
     if isinstance(value, dict):
         for name in value:
             if not isinstance(name, str):
@@ -60,20 +81,13 @@ def _plain(value: Any, key: str, depth: int = 0) -> Any:
         return {name: _plain(entry, f"{key}.{name}" if key else name, depth + 1) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(entry, f"{key}[{index}]", depth + 1) for index, entry in enumerate(value)]
-    if value is None or isinstance(value, (bool, str)):
-        return value
     if isinstance(value, Written):
         return value.text
-    if isinstance(value, numbers.Integral):
-        if abs(int(value)) > 2**63:
-            raise SceneError(f"{key}: this whole number is too large")
-        return int(value)
+    if isinstance(value, str):
+        return str(value)
     if isinstance(value, numbers.Real):
-        number = float(value)
-        if math.isnan(number) or (math.isinf(number) and not re.search(r"limits\[\d\]$", key)):
-            raise SceneError(f"{key} = {number}: must be a finite number")
-        return _in_range(number, key)
-    raise SceneError(f"{key} = {value!r:.80}: a scene has numbers, texts, lists and tables, no {type(value).__name__}")
+        return _plain(int(value) if isinstance(value, numbers.Integral) else float(value), key, depth)
+    raise SceneError(f"{key} = {value!r:.80}: a scene has numbers, texts, lists and tables, no {kind.__name__}")
 
 
 def _in_range(number: float, key: str) -> float:
@@ -85,11 +99,16 @@ def _in_range(number: float, key: str) -> float:
 def _given(table: Table) -> dict[str, Any]:
     """Return the keys of a table that are not at their defaults; Python checks none of them when one is made."""
     found = {}
-    for field in msgspec.structs.fields(table):
-        value = getattr(table, field.name)
-        if value is not field.default and not (isinstance(value, str) and value == field.default):
-            found[field.name] = value
+    for name, default in _defaults(type(table)).items():
+        value = getattr(table, name)
+        if value is not default and not (isinstance(value, str) and value == default):
+            found[name] = value
     return found
+
+
+@functools.cache
+def _defaults(table: type[Table]) -> dict[str, Any]:
+    return {field.name: field.default for field in msgspec.structs.fields(table)}
 
 
 def _named(links: tuple[Link, ...]) -> tuple[Link, ...]:
