@@ -108,6 +108,9 @@ def test_what_has_no_acceleration_is_named() -> None:
         vlmb.accelerations(made, coordinates, rates, t=math.nan)
     moved = scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": "0.3 + t"})])
     values = {"phi1": 0.2, "psi1": 0.4, "xi1_2": 0.2}
+    assert vlmb.accelerations(moved, {"a.azimuth": 0.2, "a.elevation": 0.4, "a.upper": 0.2}, {"a.upper_dot": 0.3}) == (
+        vlmb.accelerations(moved, values, {"xi1_2_dot": 0.3})
+    )
     assert vlmb.accelerations(moved, values, t=0.1)["xi1_1"] == pytest.approx(0.0, abs=1e-12)
     assert np.isfinite(list(vlmb.accelerations(moved, {**values, "xi1_1": 0.4}, {"xi1_1_dot": 1.0}, t=0.1).values())).all()
     with pytest.raises(vlmb.SceneError, match=r"xi1_1 = 0.5: this segment follows its law, 0.4 at t = 0.1"):

@@ -66,7 +66,7 @@ def _with_laws(
     mechanism: Mechanism, coordinates: Mapping[str, float], rates: Mapping[str, float], t: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Put in lengths and rates of prescribed segments; refuse given ones that differ."""
-    posture, speeds = dict(coordinates), dict(rates)
+    posture, speeds = mechanism.names.canonical(coordinates, "coordinates"), mechanism.names.canonical(rates, "rates")
     for at in prescribed_segments(mechanism):
         length, rate, _ = at.law.jet(t)
         for given, name, value in ((posture, at.name, length), (speeds, f"{at.name}_dot", rate)):
