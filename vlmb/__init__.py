@@ -4,21 +4,30 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from vlmb._version import __version__
+from vlmb.equations.accelerations import accelerations
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, TrajectoryError, VlmbError
 from vlmb.model.coordinates import State
 from vlmb.model.display import Displayed
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.simulation.simulate import simulate
+from vlmb.scene.tables import Base, Force, Link, Programme, Rod, Run, Segment
+from vlmb.simulation.simulate import check, simulate
 from vlmb.simulation.trajectory import Trajectory, load_trajectory
 
 __all__ = [
+    "Base",
     "EquationsOfMotion",
     "ExpressionError",
+    "Force",
+    "Link",
     "Mechanism",
+    "Programme",
+    "Rod",
+    "Run",
     "Scene",
     "SceneError",
+    "Segment",
     "SimulationError",
     "SingularError",
     "State",
@@ -26,7 +35,9 @@ __all__ = [
     "TrajectoryError",
     "VlmbError",
     "__version__",
+    "accelerations",
     "build",
+    "check",
     "closed_form",
     "equations_of_motion",
     "hinge_moments",

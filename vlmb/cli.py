@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from vlmb._version import __version__
@@ -20,15 +19,15 @@ from vlmb.equations import matrices
 from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
 from vlmb.model.long_chains import is_long
-from vlmb.model.mechanism import Mechanism, build, data_bytes
+from vlmb.model.mechanism import build, data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.simulation.integrate import METHODS
-from vlmb.simulation.simulate import check, run_options, simulate
+from vlmb.simulation.simulate import Checked, check, run_options, simulate
 from vlmb.simulation.trajectory import Trajectory, load_trajectory
 from vlmb.studies import bench
 from vlmb.studies.work_precision import measure
-from vlmb.system.start import Start, consistent_start
+from vlmb.system.start import consistent_start
 from vlmb.views import view, work_precision_plots
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames
@@ -105,7 +104,7 @@ def _run(args: argparse.Namespace) -> int:
         stored = load_trajectory(path)
         if stored.asked_names:
             raise VlmbError(f"{path}: this run had a Python control callable, which is not stored; it cannot be replayed")
-        scene = msgspec.structs.replace(stored.scene, run=stored.run)
+        scene = stored.scene.changed(run=stored.run)
         if stored.status == "finished" and args.duration is None:
             times = stored.t
     else:
@@ -162,10 +161,10 @@ def _advance(bar: Any, t: float) -> None:
 def _info(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     mechanism = build(scene)
-    layout, held = mechanism.layout, independent(mechanism, consistent_start(mechanism))
+    layout, free = mechanism.layout, Checked(mechanism, consistent_start(mechanism)).degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
-    print(f"  degrees of freedom  {held}")
+    print(f"  degrees of freedom  {free}")
     memory = data_bytes(layout.nv) / 2**20
     print(f"  state               {layout.nq} positions, {layout.nv} velocities; pinocchio.Data {memory:.2g} MiB")
     if is_long(scene):
@@ -181,24 +180,13 @@ def _info(args: argparse.Namespace) -> int:
     return 0
 
 
-def independent(mechanism: Mechanism, start: Start) -> int:
-    """Count independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
-    prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in mechanism.layout.links for at in (e.lower, e.upper))
-    edge = mechanism.layout.base == "ski"
-    return len(mechanism.layout.names) - prescribed - edge - start.rank
-
-
 def sum_mass(scene: Scene) -> float:
     """Total mass [kg]."""
     return scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links)
 
 
 def _check(args: argparse.Namespace) -> int:
-    mechanism, start = check(load_scene(args.scene))
-    coordinates, free = len(mechanism.coordinate_names), independent(mechanism, start)
-    print(f"{args.scene}: fine. {counted(coordinates, 'coordinate')}, {counted(free, 'degree')} of freedom")
-    for text in (*mechanism.warnings, *start.repairs):
-        print(f"  {text}")
+    print(f"{args.scene}: {check(args.scene).report}")
     return 0
 
 

@@ -15,13 +15,14 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vlmb
 import vlmb.simulation.integrate
-from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, bent, link, scene, table
+from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, bent, link, scene, table, write_toml
 from vlmb.simulation.integrate import METHODS
 from vlmb.simulation.simulate import check, run_options
 from vlmb.system.start import consistent_start
@@ -214,8 +215,6 @@ def test_wrong_arguments_are_refused(option: dict[str, Any], text: str) -> None:
 
 
 def test_a_mechanism_or_a_path_will_do(tmp_path: Path) -> None:
-    from tests.small_scenes import write_toml
-
     made = bent(PIVOT, 1)
     path = write_toml(tmp_path / "scene.toml", {**table(PIVOT, 1), "start": dict(made.start)})
     first, second, third = (vlmb.simulate(entry, duration=0.3) for entry in (made, vlmb.build(made), path))
@@ -1084,13 +1083,47 @@ def test_a_prescribed_law_without_a_start_is_named() -> None:
         vlmb.simulate(made)
 
 
-@pytest.mark.parametrize("wrong", [3, None, {"base": {"kind": "ski"}}])
+@pytest.mark.parametrize("wrong", [3, None, [{"base": {"kind": "ski"}}], pin.Model()], ids=["number", "nothing", "list", "model"])
 def test_what_is_no_scene_is_refused(wrong: object) -> None:
-    for call in (vlmb.simulate, vlmb.build):
-        with pytest.raises(vlmb.SceneError, match="must be a Scene"):
+    for call in (vlmb.simulate, vlmb.build, vlmb.check, lambda what: vlmb.accelerations(what, {})):
+        with pytest.raises(vlmb.SceneError, match="must be a Scene, the path of a scene file, or a dict") as caught:
             call(wrong)
-    with pytest.raises(vlmb.SceneError, match="must be a function"):
-        vlmb.simulate(scene(PIVOT, [link("a")]), control=3)
+        assert ("Pinocchio" in str(caught.value)) == isinstance(wrong, pin.Model)
+    for key in ("control", "progress"):
+        with pytest.raises(vlmb.SceneError, match=f"{key} = 5: must be a function"):
+            vlmb.simulate(scene(PIVOT, [link("a")]), **{key: 5})
+
+
+def test_a_scene_may_be_a_dict_or_a_path(tmp_path: Path) -> None:
+    data = table(PIVOT, [link("a")], start={"psi1": 0.4})
+    path = write_toml(tmp_path / "scene.toml", data)
+    made = vlmb.Scene.from_dict(data)
+    for what in (made, data, path, str(path)):
+        assert vlmb.build(what).scene == made
+        assert vlmb.check(what).scene == made
+        assert vlmb.simulate(what, duration=0.01).scene == made
+    with pytest.raises(vlmb.SceneError, match=r"scene: base: a ski needs mass > 0"):
+        vlmb.simulate({"base": {"kind": "ski"}})
+
+
+def test_check_tells_what_is_known_before_a_run() -> None:
+    found = vlmb.check(scene(SKI, [link("a")], start={"psi1": 1.2}, constraints=["phi1 = phi0"]))
+    assert found.degrees_of_freedom == 5  # x y phi0 phi1 psi1 and two lengths, less the edge and the row
+    assert found.start.coordinates["psi1"] == 1.2
+    assert "7 coordinates, 5 degrees of freedom" in repr(found)
+    mechanism, start = found
+    assert (mechanism, start) == (found.mechanism, found.start)
+
+
+def test_wrong_paths_and_names_of_trajectories_are_named(tmp_path: Path) -> None:
+    run = vlmb.simulate(scene(PIVOT, [link("a")], start={"psi1": 0.4}), duration=0.01)
+    for call in (run.save, run.save_csv, vlmb.load_trajectory):
+        for wrong in (None, True, 3):
+            with pytest.raises(vlmb.TrajectoryError, match=f"{wrong}: must be the path of a file"):
+                call(wrong)
+    for wrong in (5, None, ("psi1",)):
+        with pytest.raises(vlmb.TrajectoryError, match="a name is needed"):
+            run[wrong]
 
 
 @pytest.mark.parametrize("knife_edge", ["reduction", "multiplier", "projection"])

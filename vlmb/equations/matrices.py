@@ -6,9 +6,9 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.model.coordinates import Layout
 from vlmb.model.mechanism import build
 from vlmb.model.names import tex_of
-from vlmb.scene.scene import load_scene
+from vlmb.scene.scene import Scene
 from vlmb.system.start import consistent_start
 
 Array = NDArray[np.float64]
@@ -39,12 +39,14 @@ class Table(NamedTuple):
     values: Array  # (rows, columns)
 
 
-def at_posture(path: str | Path, changes: Sequence[str] = (), form: str = "full") -> EquationsOfMotion:
+def at_posture(
+    scene: Scene | str | Path | Mapping[str, Any], changes: Sequence[str] = (), form: str = "full"
+) -> EquationsOfMotion:
     """Return the equations of a scene at its start, changed by entries such as `psi1=1.2`, `phi1_dot=0.5`, `speed=8`.
 
     Raises SceneError naming what cannot be read.
     """
-    mechanism = build(load_scene(path))
+    mechanism = build(scene)
     start = consistent_start(mechanism)
     coordinates, rates = dict(start.coordinates), dict(start.rates)
     ski = mechanism.layout.base == "ski"

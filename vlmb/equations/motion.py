@@ -249,7 +249,7 @@ def equations_of_motion(
         where = "" if form not in FORMS else f" of a {layout.base!r} base"
         raise SceneError(f"unknown form {form!r}{where}; allowed: {', '.join(allowed)}")
     posture = complete_posture(mechanism, coordinates)
-    return EquationsOfMotion(mechanism, posture, _all_rates(mechanism, posture, rates or {}), form)
+    return EquationsOfMotion(mechanism, posture, all_rates(mechanism, posture, rates or {}), form)
 
 
 def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> dict[str, float]:
@@ -268,7 +268,8 @@ def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> 
     return {name: finite(_owned(layout, name), coordinates[name]) for name in layout.names}
 
 
-def _all_rates(mechanism: Mechanism, posture: Mapping[str, float], rates: Mapping[str, float]) -> dict[str, float]:
+def all_rates(mechanism: Mechanism, posture: Mapping[str, float], rates: Mapping[str, float]) -> dict[str, float]:
+    """Return every rate by name, 0 where it is missing, a ski's speed as x_dot and y_dot; SceneError names a wrong one."""
     layout, rates = mechanism.layout, mechanism.names.canonical(rates, "rates")
     known = mechanism.names.known[len(layout.names) :]
     for name in rates:

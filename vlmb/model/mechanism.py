@@ -25,7 +25,7 @@ from vlmb.model.long_chains import is_long
 from vlmb.model.names import POINTS, Names
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
-from vlmb.scene.scene import Scene
+from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import BASE, Segment
 
 # A thin rod has no axial inertia, and a ball joint then a singular matrix. Without axial torque any positive value
@@ -103,14 +103,13 @@ class Mechanism(Displayed):
         return np.array(self.postures(state).position(self.names.links[link], point))
 
 
-def build(scene: Scene) -> Mechanism:
-    """Generate the Pinocchio model of a scene.
+def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
+    """Generate the Pinocchio model of a scene: of a Scene, the path of a scene file or a dict with its keys.
 
     Raises SceneError where the scene has a motion without mass, VlmbError where the model does not fit in memory. A chain
     that runs as sub-chains need not fit, except on a ski, whose snow forces and falls are of the one model.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"{scene!r:.80}: must be a Scene, from load_scene or Scene.from_dict")
+    scene = as_scene(scene)
     builder = _Builder(scene)
     if scene.base.kind == "ski" or not is_long(scene):
         _refuse_what_does_not_fit(builder.model.nv)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, get_origin
 
 import msgspec
@@ -13,8 +14,11 @@ from vlmb.scene.tables import ALLOWED_NAME, MAX_NAME, NAME, Base, Force, Link, P
 WORDS = {"object": "table", "array": "list", "str": "text", "int": "number", "float": "number", "bool": "true or false"}
 
 
-def explain(message: str, data: dict[str, Any], root: type) -> str:
-    """Turn a validation message into one that names the key path, the value found and the nearest valid key."""
+def explain(message: str, data: dict[str, Any], root: type, written: Mapping[str, Any]) -> str:
+    """Turn a validation message into one that names the key path, the value found and the nearest valid key.
+
+    `written` are numbers by key path that stand in the scene as expressions.
+    """
     text, _, path = message.partition(" - at `key` in `$" if " - at `key` in `$" in message else " - at `$")
     path = path.rstrip("`").lstrip(".")
     if " - at `key` in `$" in message:  # the name of a parameter
@@ -22,11 +26,7 @@ def explain(message: str, data: dict[str, Any], root: type) -> str:
         return f"{path}: {wrong!r:.80} is no name: {ALLOWED_NAME}"
     unknown = re.match(r"Object contains unknown field `(.*)`", text)
     if unknown:
-        valid = _keys_of(path, root)
-        close = difflib.get_close_matches(unknown[1], valid, n=1, cutoff=0.5)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        where = f"{path}.{unknown[1]}" if path else unknown[1]
-        return f"unknown key {where!r:.200}; {hint}allowed here: {', '.join(valid)}"
+        return unknown_key(path, unknown[1], _keys_of(path, root))
     missing = re.match(r"Object missing required field `(.*)`", text)
     if missing:
         where = f"{path}.{missing[1]}" if path else missing[1]
@@ -37,6 +37,8 @@ def explain(message: str, data: dict[str, Any], root: type) -> str:
         kind = next(field.type for field in msgspec.structs.fields(_type_at(parent, root)) if field.name == key)
         path = next((f"{path}.{name}" for name, entry in _lookup(data, path).items() if not _fits({name: entry}, kind)), path)
     found = repr(_lookup(data, path))
+    if path in written:
+        found = f"{written[path].text!r} = {found}"
     found = found if len(found) <= 120 else found[:117] + "..."
     if "enum" in text:
         return f"{path} = {found}: allowed: {'pivot, ski, free' if path == 'base.kind' else _choices_of(path, root)}"
@@ -44,6 +46,15 @@ def explain(message: str, data: dict[str, Any], root: type) -> str:
         return f"{path} = {found}: {ALLOWED_NAME}"
     text = re.sub(r"`([^`]*)`", _in_words, text)
     return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}"
+
+
+def unknown_key(path: str, key: str, valid: Iterable[str]) -> str:
+    """Say that a table has no such key, and which is the nearest."""
+    valid = list(valid)
+    close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    where = f"{path}.{key}" if path else key
+    return f"unknown key {where!r:.200}; {hint}allowed here: {', '.join(valid)}"
 
 
 def _in_words(match: re.Match[str]) -> str:

@@ -19,6 +19,7 @@ from types import MappingProxyType
 from typing import Any
 
 from vlmb.errors import ExpressionError, nearest
+from vlmb.scene.names import why_not
 
 Tree = tuple[Any, ...]
 
@@ -179,7 +180,7 @@ def _build(root: ast.expr, text: str, key: str, allowed: Collection[str] | None)
         if not re.fullmatch(r"[A-Za-z]\w*(\.[A-Za-z]\w*)*", name) or name.lower() in ("nan", "inf", "infinity"):
             raise refuse(f"{name!r} is no number or name", f"each part of a name begins with a letter; {ALLOWED}")
         if allowed is not None and name not in allowed:
-            raise refuse(f"unknown name {name!r}", nearest(name, sorted({*allowed, *CONSTANTS, *FUNCTIONS})))
+            raise refuse(f"unknown name {name!r}", why_not(name) or nearest(name, sorted({*allowed, *CONSTANTS, *FUNCTIONS})))
         return ("name", name)
 
     def choice(node: ast.Call) -> Tree:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
@@ -123,3 +123,21 @@ class Run(Table, frozen=True, kw_only=True):
     knife_edge: Literal["reduction", "multiplier", "projection"] = "reduction"
     gain: NonNegative = 5.0  # [1/s], Baumgarte gain of ideal rows and of the knife edge as a multiplier
     fall: bool = True  # stop when a point of a link reaches the snow
+
+
+class SceneTables(Table, frozen=True, kw_only=True):
+    """All keys of a scene file, as the types alone check them."""
+
+    name: str = "scene"
+    gravity: NonNegative = 9.81  # [m/s^2]
+    slope: Annotated[float, msgspec.Meta(gt=-1.5707, lt=1.5707)] = 0.0  # [rad]
+    plane: bool = False
+    base: Base
+    links: tuple[Link, ...] = ()
+    constraints: tuple[str, ...] = ()
+    start: dict[str, float] = {}
+    parameters: dict[Name, float] = {}
+    forces: tuple[Force, ...] = ()
+    programme: Programme | None = None
+    run: Run = Run()
+    expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

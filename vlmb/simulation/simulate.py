@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.names import counted
 from vlmb.scene.laws import law_breaks, law_jump
-from vlmb.scene.scene import Scene, load_scene
+from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.march import March
 from vlmb.simulation.trajectory import Trajectory
@@ -35,7 +35,7 @@ NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
 
 
 def simulate(
-    scene: Scene | Mechanism | str | Path,
+    scene: Scene | Mechanism | str | Path | Mapping[str, Any],
     duration: float | None = None,
     method: str | None = None,
     rtol: float | None = None,
@@ -53,7 +53,7 @@ def simulate(
 
     Parameters
     ----------
-    scene : a Scene, a mechanism built from one, or the path of a scene file
+    scene : a Scene, the path of a scene file, a dict with its keys, or a mechanism built from one
     t_eval : (N,) [s], ascending in [0, duration]; default: evenly spaced
     control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name. Names are
         those of the first call; an exception it raises goes through
@@ -64,10 +64,10 @@ def simulate(
     Returns a Trajectory, also for a run that stops early: its `message` says why.
     Raises SceneError (a VlmbError) for what is wrong before the run.
     """
-    if isinstance(scene, (str, Path)):
-        scene = load_scene(scene)
     if control is not None and not callable(control):
         raise SceneError(f"control = {control!r:.80}: must be a function of (t, view) that returns forces by name")
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     run = run_options(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain
@@ -97,12 +97,51 @@ def simulate(
 def run_options(scene: Scene, **changes: Any) -> Run:
     """Return the scene's `[run]` with arguments put over it (None: as in the scene), checked like a scene file's."""
     given = {key: value for key, value in changes.items() if value is not None}
-    given = {key: float(value) if isinstance(value, (np.floating, np.integer)) else value for key, value in given.items()}
-    return Scene.from_dict({**scene.to_dict(), "run": {**msgspec.to_builtins(scene.run), **given}}, "arguments").run
+    data = scene.to_dict()
+    return Scene.from_dict({**data, "run": {**data.get("run", {}), **given}}, "arguments").run
 
 
-def check(scene: Scene) -> tuple[Mechanism, Start]:
-    """Do everything that comes before a run; raise what a run would. A note tells how a programme is stable and controllable."""
+class Checked(NamedTuple):
+    """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
+
+    mechanism: Mechanism
+    start: Start
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was checked."""
+        return self.mechanism.scene
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
+        layout = self.mechanism.layout
+        prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in layout.links for at in (e.lower, e.upper))
+        return len(layout.names) - prescribed - (layout.base == "ski") - self.start.rank
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings, what was repaired at the start, and how a programme is stable and controllable."""
+        return (*self.mechanism.warnings, *self.start.repairs)
+
+    @property
+    def report(self) -> str:
+        """Coordinates and degrees of freedom in a line, then a line for each note."""
+        coordinates, free = len(self.mechanism.layout.names), self.degrees_of_freedom
+        counts = f"fine. {counted(coordinates, 'coordinate')}, {counted(free, 'degree')} of freedom"
+        return "\n".join([counts, *(f"  {note}" for note in self.notes)])
+
+    def __repr__(self) -> str:
+        return f"{self.scene.name}: {self.report}"
+
+
+def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
+    """Do everything that comes before a run; raise what a run would.
+
+    Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with
+    `degrees_of_freedom` and `notes`; one of these tells how a programme is stable and controllable.
+    """
+    scene = as_scene(scene)
     mechanism = build(scene)
     start = consistent_start(mechanism)
     dynamics = Dynamics(mechanism, scene.run.knife_edge, scene.run.gain)
@@ -112,10 +151,10 @@ def check(scene: Scene) -> tuple[Mechanism, Start]:
         raise dynamics.faults.singular(start.state.q)
     programme = dynamics.system.programme
     if programme is None:
-        return mechanism, start
+        return Checked(mechanism, start)
     rank, condition = programme.rank(programme.effect)
     controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-    return mechanism, start._replace(repairs=(*start.repairs, f"programme: {programme.report}; {controllable}"))
+    return Checked(mechanism, start._replace(repairs=(*start.repairs, f"programme: {programme.report}; {controllable}")))
 
 
 def _balanced(dynamics: Dynamics, start: Start) -> list[str]:

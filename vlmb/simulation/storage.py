@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +20,13 @@ Array = NDArray[np.float64]
 FORMAT = 1
 
 
+def checked_path(path: Any) -> Path:
+    """Return the path of a file. Raises TrajectoryError for what is none: open() would take a number for an open file."""
+    if isinstance(path, (str, os.PathLike)):
+        return Path(path)
+    raise TrajectoryError(f"{path!r:.80}: must be the path of a file, such as 'run.npz'")
+
+
 def write_arrays(path: Path, note: Mapping[str, Any], arrays: Mapping[str, Array]) -> Path:
     """Write named arrays and a note of plain data."""
     text = json.dumps({"format": FORMAT, **note})
@@ -29,6 +37,7 @@ def write_arrays(path: Path, note: Mapping[str, Any], arrays: Mapping[str, Array
 
 def read_arrays(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Array]]:
     """Read what `write_arrays` wrote. Raises TrajectoryError for a file that is missing, damaged or foreign."""
+    path = checked_path(path)
     try:
         if not zipfile.is_zipfile(path):
             Path(path).open("rb").close()  # tells a missing file

@@ -22,10 +22,12 @@ from vlmb.model.display import Displayed
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.names import POINTS
 from vlmb.model.reading import Postures
+from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
+from vlmb.scene.written import as_numbers
 from vlmb.simulation.histories import ENERGIES, SNOW, energies_along, forces_along
-from vlmb.simulation.storage import read_arrays, write_arrays, write_columns
+from vlmb.simulation.storage import checked_path, read_arrays, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
 from vlmb.system.dynamics import Dynamics
 from vlmb.system.forces import View
@@ -36,11 +38,16 @@ Array = NDArray[np.float64]
 ARRAYS = ("t", "q", "v", "work", "asked", "reference")  # what a file holds
 
 
-class Residual(NamedTuple):
-    """Error of a constraint along a motion: of its equation (None where it has none) and of its rate."""
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """Error of a constraint along a motion: `position, velocity = residual`, or by name."""
 
-    position: Array | None
-    velocity: Array
+    position: Array | None  # (N,) of its equation; None where it has a rate alone
+    velocity: Array  # (N,) of its rate
+    equation: str = ""  # its text; none for the knife edge
+
+    def __iter__(self) -> Iterator[Array | None]:
+        return iter((self.position, self.velocity))
 
 
 class Sample(NamedTuple):
@@ -137,6 +144,8 @@ class Trajectory(Displayed):
         return f"<Trajectory of {self.scene.name!r}: {len(self)} samples, {self.message}>"
 
     def __getitem__(self, name: str) -> Array:
+        if not isinstance(name, str):
+            raise TrajectoryError(f"trajectory[{name!r:.80}]: a name is needed, such as trajectory['energy'] for all its samples")
         if name == "t":
             return self.t
         if name in ENERGIES:
@@ -161,13 +170,14 @@ class Trajectory(Displayed):
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """Reactions (N,): multipliers of ideal constraints by equation, and the forces of the snow on the ski.
+        """Reactions (N,): multipliers of ideal constraints by name or equation, and the forces of the snow on the ski.
 
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski. A multiplier is the force along the gradient of left side - right side.
         """
         snow = ("knife_edge", *SNOW) if self.mechanism.layout.base == "ski" else ()
-        return _Named("reaction", (*snow, *self.scene.constraints), lambda name: self._evaluations["reactions"][name])
+        ideal = tuple(row.name for row in rows_of(self.scene).ideal)
+        return _Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:
         """Force (N, 3) [N] of the parent on a link at its hinge, surface frame."""
@@ -191,18 +201,22 @@ class Trajectory(Displayed):
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
-        """Constraint errors by equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
-        programme = self.scene.programme.constraints if self.scene.programme else ()
+        """Constraint errors by name or equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
         edge = ("knife_edge",) if self.mechanism.layout.base == "ski" else ()
-        names = dict.fromkeys((*edge, *(text.strip() for text in (*self.scene.constraints, *programme))))
-        return _Named("residual", tuple(names), self._residual)
+        return _Named("residual", (*edge, *self._equations), self._residual)
+
+    @cached_property
+    def _equations(self) -> dict[str, str]:
+        """Equations of ideal rows and a programme by their keys in results."""
+        rows = rows_of(self.scene)
+        return {row.name: row.equation for row in (*rows.ideal, *rows.servo)}
 
     def _residual(self, name: str) -> Residual:
         if name == "knife_edge":
             heading = self["phi0"]
             return Residual(None, -self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading))
         position, velocity = self._evaluations["residuals"][name]
-        return Residual(position if self._dynamics.is_holonomic(name) else None, velocity)
+        return Residual(position if self._dynamics.is_holonomic(name) else None, velocity, self._equations[name])
 
     def power(self, name: str) -> Array:
         """Power (N,) [W] of an applied force or prescribed segment: the rate of its work."""
@@ -244,16 +258,16 @@ class Trajectory(Displayed):
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""
         note = {
-            "scene": self.scene.to_dict(), "run": msgspec.to_builtins(self.run), "status": self.status, "message": self.message,
+            "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,
             "repairs": self.repairs, "stats": self.stats, "versions": self.versions, "asked_names": self.asked_names,
         }  # fmt: skip
-        return write_arrays(Path(path), note, {name: getattr(self, name) for name in ARRAYS})
+        return write_arrays(checked_path(path), note, {name: getattr(self, name) for name in ARRAYS})
 
     def save_csv(self, path: str | Path) -> Path:
         """Write time, coordinates, rates, energies, controls and reactions as columns with a header."""
         columns = {name: self[name] for name in self.names}
         columns |= dict(self.controls) | dict(self.reactions)
-        return write_columns(Path(path), columns)
+        return write_columns(checked_path(path), columns)
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
 from vlmb.model.mechanism import Mechanism, build
+from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.simulation.integrate import METHODS, find_method
 from vlmb.simulation.simulate import simulate
@@ -119,11 +120,11 @@ def compare(motion: Motion, reference: Motion) -> dict[str, tuple[float, float]]
 def own_errors(trajectory: Trajectory) -> dict[str, tuple[float, float]]:
     """What needs no reference: energy balance [J]; residuals of ideal rows, each in its equation's unit and per second."""
     found = {"energy": _pair(trajectory["balance"])}
-    programme = trajectory.scene.programme.constraints if trajectory.scene.programme else ()
-    rows = {name: name for name in ("knife_edge", *trajectory.scene.constraints)}
-    rows |= {f"programme, {name}": name for name in programme}
-    for name, text in rows.items():
-        residual = trajectory.residuals.get(text.strip())
+    rows = rows_of(trajectory.scene)
+    keys = {name: name for name in ("knife_edge", *(row.name for row in rows.ideal))}
+    keys |= {f"programme, {row.name}": row.name for row in rows.servo}
+    for name, key in keys.items():
+        residual = trajectory.residuals.get(key)
         if residual is not None:
             if residual.position is not None:
                 found[f"{name}: position"] = _pair(residual.position)

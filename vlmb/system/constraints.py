@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from vlmb.errors import SceneError, SimulationError
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.expressions import Equation, parse_equation
+from vlmb.scene.rows import Row, read_row
 from vlmb.scene.symbolic import compile_scalar, to_sympy
 from vlmb.system.frames import LinkFrames
 from vlmb.system.observables import Motion, Symbols, allowed_names
@@ -28,7 +30,7 @@ Array = NDArray[np.float64]
 class RowInfo:
     """What is known of a row before any motion."""
 
-    text: str
+    text: str  # its key in results: its name, else its equation
     holonomic: bool
     angle: bool  # z is a difference of angles: wrapped to (-pi, pi]
     names: frozenset[str]
@@ -61,12 +63,12 @@ class Rows:
     ) -> None:
         """Compile (text, key path, ideal) rows."""
         names = allowed_names(mechanism)
-        equations = [parse_equation(text, key, names) for text, key, _ in texts]
+        rows = [read_row(text, key) for text, key, _ in texts]
+        equations = [parse_equation(row.equation, row.key, names) for row in rows]
         symbols = Symbols(mechanism)
-        residuals = [_residual(symbols, equation, ideal) for equation, (_, _, ideal) in zip(equations, texts, strict=True)]
-        self.info = tuple(
-            _classify(symbols, e, z, key, ideal) for e, z, (_, key, ideal) in zip(equations, residuals, texts, strict=True)
-        )
+        ideals = [ideal for _, _, ideal in texts]
+        residuals = list(map(partial(_residual, symbols), equations, ideals))
+        self.info = tuple(map(partial(_classify, symbols), rows, equations, residuals, ideals))
         self.texts = tuple(info.text for info in self.info)
         self.count = len(self.info)
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
@@ -129,19 +131,19 @@ def _flat(symbols: Symbols, name: str) -> tuple[Any, Any]:
     return x, y
 
 
-def _classify(symbols: Symbols, equation: Equation, residual: Any, key: str, ideal: bool) -> RowInfo:
+def _classify(symbols: Symbols, row: Row, equation: Equation, residual: Any, ideal: bool) -> RowInfo:
     free = residual.free_symbols
     values = {symbols.value[name] for name in symbols.value}
     rates = {symbols.rate[name] for name in symbols.rate}
     if not free & (values | rates):
-        raise SceneError(f"{key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
+        raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
     holonomic = not free & rates
     turning = {symbols.value[name] for name, b in symbols.variables.items() if b.kind in ("phi", "psi", "phi0")}
     angle = holonomic and free & values <= turning and all(abs(residual.diff(s)) == 1 for s in free & values)
     azimuths = _azimuths(symbols, equation) if ideal else None
     driven = residual.diff(symbols.time) if holonomic else residual - sum(residual.diff(rate) * rate for rate in free & rates)
     working = symbols.sympy.expand(driven) != 0
-    return RowInfo(equation.text, holonomic, bool(angle), equation.names, working, azimuths)
+    return RowInfo(row.name, holonomic, bool(angle), equation.names, working, azimuths)
 
 
 def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:

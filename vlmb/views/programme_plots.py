@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.names import force_symbol, plain, short
+from vlmb.scene.rows import rows_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.biomechanics import STRENGTHS, both_legs, joint_moments
 from vlmb.views.panels import ZERO, Panel, power_reader, stacked, work_reader
@@ -27,34 +28,35 @@ MOST = 6  # controls drawn in a panel
 def deviations(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     """Draw the deviation from each equation of a programme over time, as it is and its size: the paper's figures 7 and 8."""
     runs = listed(trajectory)
-    texts = list(dict.fromkeys(t.strip() for run in runs if run.scene.programme for t in run.scene.programme.constraints))
-    if not texts:
+    rows = {row.name: row for run in runs for row in rows_of(run.scene).servo}
+    if not rows:
         return empty_figure(runs, "Deviations", "the scene has no programme")
-    figure = new_figure(runs, 10.5, 1.2 + 2.1 * len(texts), "Deviations from the programme")
-    axes = figure.subplots(len(texts), 2, sharex=True, squeeze=False)
-    for row, text in zip(axes, texts, strict=True):
-        for ax, size in zip(row, (False, True), strict=True):
-            draw(ax, runs, [Series("_", 0, error_reader(text, size))], by_run=True)
+    figure = new_figure(runs, 10.5, 1.2 + 2.1 * len(rows), "Deviations from the programme")
+    axes = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
+    for pair, row in zip(axes, rows.values(), strict=True):
+        for ax, size in zip(pair, (False, True), strict=True):
+            draw(ax, runs, [Series("_", 0, error_reader(row.name, size))], by_run=True)
             ax.set_ylabel("|deviation|" if size else "deviation")
-        row[0].set_title(short(text, 75), loc="left", fontsize=8)
-        row[0].axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5)
-        row[1].set_yscale("log")
-        sizes = np.concatenate([np.asarray(line.get_ydata(), float) for line in row[1].lines])
+        title = f"{row.name}: {row.equation}" if row.named else row.equation
+        pair[0].set_title(short(title, 75), loc="left", fontsize=8)
+        pair[0].axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5)
+        pair[1].set_yscale("log")
+        sizes = np.concatenate([np.asarray(line.get_ydata(), float) for line in pair[1].lines])
         low, high = np.percentile(sizes, 2.0), sizes.max()
-        row[1].set_ylim(10 ** np.floor(np.log10(low) - 0.2), 10 ** np.ceil(np.log10(high) + 0.2))
+        pair[1].set_ylim(10 ** np.floor(np.log10(low) - 0.2), 10 ** np.ceil(np.log10(high) + 0.2))
     for ax in axes[-1]:
         ax.set_xlabel("$t$ [s]")
     figure.align_ylabels()
     return finish(figure, runs, labels, by_link=False)
 
 
-def error_reader(text: str, size: bool) -> Callable[[Trajectory], Array | None]:
-    """Read the error of an equation, of its rate where it has a rate alone; or its size, for a log axis."""
+def error_reader(name: str, size: bool) -> Callable[[Trajectory], Array | None]:
+    """Read the error of a row, of its rate where it has a rate alone; or its size, for a log axis."""
 
     def read(run: Trajectory) -> Array | None:
-        if text not in set(run.residuals):
+        if name not in run.residuals:
             return None
-        position, velocity = run.residuals[text]
+        position, velocity = run.residuals[name].position, run.residuals[name].velocity
         values = velocity if position is None else position
         return np.maximum(np.abs(values), ZERO) if size else values
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import ExpressionError
 from vlmb.scene.expressions import Equation, evaluate, parse_equation
+from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -55,10 +56,8 @@ def course(scene: Scene, t: Array, speed: Array, place: tuple[float, float, floa
 
 def steering(scene: Scene) -> Equation | None:
     """Return the programme's first equation of the heading alone."""
-    if scene.base.kind != "ski" or scene.programme is None:
-        return None
-    for text in scene.programme.constraints:
-        equation = parse_equation(text)
+    for row in rows_of(scene).servo if scene.base.kind == "ski" else ():
+        equation = parse_equation(row.equation, row.key)
         if equation.names <= KNOWN | set(scene.parameters) and equation.names & {"phi0", "phi0_dot"}:
             return equation
     return None

@@ -1,0 +1,201 @@
+"""Completing a scene: plain data to checked tables. The one way a scene comes about, from a file, a dict or Python classes."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import keyword
+import math
+import numbers
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from vlmb.errors import SceneError, nearest
+from vlmb.scene.explain import explain
+from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
+from vlmb.scene.names import check_names
+from vlmb.scene.rows import rows_of
+from vlmb.scene.tables import BASE, Link, SceneTables, Segment, Table
+from vlmb.scene.written import Written, key_of, put, resolve
+
+UNUSABLE = frozenset({"t", "speed", *FUNCTIONS, *CONSTANTS})  # as names of parameters
+MAX_LINKS = 2000
+MAX_DEPTH = 20
+TINIEST, LARGEST = 1e-50, 1e50  # sizes of numbers that products of several do not take out of range
+
+
+def complete(data: Mapping[str, Any]) -> SceneTables:
+    """Check the keys of a scene and fill in what follows: numbers of expressions, names and parents of links.
+
+    Raises SceneError with the key path, what was found and what is allowed.
+    """
+    tables, texts = _converted(_plain(dict(data), ""))
+    tables = msgspec.structs.replace(tables, links=_named(tables.links))
+    check_names(tables.links, rows_of(tables))
+    _check_tree(tables.links)
+    _check(tables, texts)
+    return tables
+
+
+def _converted(data: dict[str, Any]) -> tuple[SceneTables, dict[str, Written]]:
+    """Convert plain data to the tables; return what is written as an expression, by key path, as well."""
+    with contextlib.suppress(msgspec.ValidationError):
+        return msgspec.convert(data, SceneTables), {}  # a text where a number belongs does not pass
+    plain, written = resolve(data, SceneTables)
+    texts = {key_of(path): number for path, number in written.items()}
+    for key, number in texts.items():
+        _in_range(number, f"{key} = {number.text!r}")
+    try:
+        tables = msgspec.convert(plain, SceneTables)
+    except msgspec.ValidationError as error:
+        raise SceneError(explain(str(error), plain, SceneTables, texts)) from None
+    for path, number in written.items():
+        tables = put(tables, path, number)
+    return tables, texts
+
+
+def _plain(value: Any, key: str, depth: int = 0) -> Any:
+    """Copy data with plain numbers (NumPy's too) and tables as dicts; refuse what is not data, not finite, too large or deep."""
+    kind = type(value)
+    if value is None or kind is bool or kind is str:
+        return value
+    if kind is int:
+        if abs(value) > 2**63:
+            raise SceneError(f"{key}: this whole number is too large")
+        return value
+    if kind is float:
+        if math.isnan(value) or (math.isinf(value) and not re.search(r"limits\[\d\]$", key)):
+            raise SceneError(f"{key} = {value}: must be a finite number")
+        return _in_range(value, key)
+    if isinstance(value, (dict, list, tuple, Table)) and depth > MAX_DEPTH:
+        raise SceneError(f"{key[:80]}...: nested more than {MAX_DEPTH} deep")
+    if isinstance(value, Table):
+        value = _given(value)
+    if isinstance(value, dict):
+        for name in value:
+            if not isinstance(name, str):
+                raise SceneError(f"{key or 'scene'}: {name!r:.80} is no key: keys are text")
+        return {name: _plain(entry, f"{key}.{name}" if key else name, depth + 1) for name, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry, f"{key}[{index}]", depth + 1) for index, entry in enumerate(value)]
+    if isinstance(value, Written):
+        return value.text
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, numbers.Real):
+        return _plain(int(value) if isinstance(value, numbers.Integral) else float(value), key, depth)
+    raise SceneError(f"{key} = {value!r:.80}: a scene has numbers, texts, lists and tables, no {kind.__name__}")
+
+
+def _in_range(number: float, key: str) -> float:
+    if math.isfinite(number) and number != 0.0 and not TINIEST <= abs(number) <= LARGEST:
+        raise SceneError(f"{key} = {number:g}: between {TINIEST:g} and {LARGEST:g} in size, or 0")
+    return number
+
+
+def _given(table: Table) -> dict[str, Any]:
+    """Return the keys of a table that are not at their defaults; Python checks none of them when one is made."""
+    found = {}
+    for name, default in _defaults(type(table)).items():
+        value = getattr(table, name)
+        if value is not default and not (isinstance(value, str) and value == default):
+            found[name] = value
+    return found
+
+
+@functools.cache
+def _defaults(table: type[Table]) -> dict[str, Any]:
+    return {field.name: field.default for field in msgspec.structs.fields(table)}
+
+
+def _named(links: tuple[Link, ...]) -> tuple[Link, ...]:
+    """Give every link its name and parent, spelled out."""
+    if len(links) > MAX_LINKS:
+        raise SceneError(f"links: {len(links)} links; at most {MAX_LINKS}")
+    named: list[Link] = []
+    for index, link in enumerate(links):
+        name = link.name or f"link{index + 1}"
+        parent = link.parent or (named[-1].name if named else BASE)
+        named.append(msgspec.structs.replace(link, name=name, parent=parent))
+    return tuple(named)
+
+
+def _check_tree(links: tuple[Link, ...]) -> None:
+    """Refuse parents that are not there, and rings of them."""
+    places = {link.name: index for index, link in enumerate(links)}
+    for index, link in enumerate(links):
+        if link.parent != BASE and link.parent not in places:
+            where = f"links[{index}].parent = {link.parent!r}"
+            raise SceneError(f"{where}: no such link; {nearest(link.parent, [BASE, *places])}")
+    rooted = {BASE}
+    for index, link in enumerate(links):
+        way: dict[str, None] = {}
+        while link.name not in rooted:
+            if link.name in way:
+                ring = ", ".join(list(way)[:10])
+                raise SceneError(f"links[{index}].parent: the parents form a ring through {ring}; links form a tree")
+            way[link.name] = None
+            if link.parent == BASE:
+                break
+            link = links[places[link.parent]]
+        rooted.update(way)
+
+
+def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
+    """Refuse what the types alone cannot: combinations. `written` are the expressions, by key path."""
+
+    def refuse(key: str, why: str) -> None:
+        texts = [f"{name} = {number.text!r} = {number:g}" for name, number in written.items() if name.startswith(key)]
+        raise SceneError(f"{key}: {why}{' (' + ', '.join(texts[:4]) + ')' if texts else ''}")
+
+    for name in scene.parameters:
+        if name in UNUSABLE or keyword.iskeyword(name):
+            refuse(f"parameters.{name}", "this name has a meaning of its own in expressions; choose another")
+    base = scene.base
+    if base.kind == "ski":
+        if not base.mass > 0.0 or not base.inertia > 0.0:
+            refuse("base", "a ski needs mass > 0 [kg] and inertia > 0 [kg m^2]")
+    elif base.inertia or base.com_offset or (base.mass and base.kind == "pivot"):
+        refuse("base", f"inertia and com_offset belong to kind = 'ski', mass to 'ski' and 'free'; remove them from {base.kind!r}")
+    if base.kind != "ski" and not scene.links:
+        refuse("links", f"a {base.kind!r} base needs at least one link")
+    for index, link in enumerate(scene.links):
+        key = f"links[{index}]"
+        if link.rod.length == 0.0 and link.rod.com is None and link.rod.mass > 0.0 and link.rod.inertia is None:
+            refuse(f"{key}.rod", "a rod of length 0 with mass is a point: use tip_mass, or give com and inertia")
+        for which, segment in (("lower", link.lower), ("upper", link.upper)):
+            _check_segment(segment, f"{key}.{which}", refuse)
+    for index, force in enumerate(scene.forces):
+        key = f"forces[{index}]"
+        if (force.on is None) == (force.between is None):
+            refuse(key, "give either `on` and `law` (a force) or `between` (a spring between two directions)")
+        if force.on is not None and (force.law is None or force.stiffness or force.damping or force.rest):
+            refuse(key, "a force has the keys `on` and `law` only")
+        if force.between is not None and force.law is not None:
+            refuse(key, "a spring between directions has no `law`; it has stiffness, damping and rest")
+        if force.between is not None and not (force.stiffness or force.damping):
+            refuse(key, "a spring between directions needs stiffness or damping > 0")
+
+
+def _check_segment(segment: Segment, key: str, refuse: Any) -> None:
+    low, high = segment.bounds
+    if not low < high:
+        refuse(f"{key}.limits", f"must be [low, high] with low < high, not {list(segment.limits or ())}")
+    if segment.motion == "prescribed":
+        if segment.law is None:
+            refuse(key, "motion = 'prescribed' needs a law, e.g. law = \"0.2 + 0.05*sin(6*t)\"")
+        if segment.length is not None or segment.stiffness or segment.damping or segment.rest is not None:
+            refuse(key, "a prescribed segment has motion, law and limits only: the law gives its length, the force is the result")
+        return
+    if segment.law is not None:
+        refuse(f"{key}.law", f"a law needs motion = 'prescribed', not {segment.motion!r}")
+    length = segment.length
+    if length is None:
+        refuse(f"{key}.length", f"a {segment.motion} segment needs a length [m]")
+    if segment.motion == "fixed" and (segment.stiffness or segment.damping or segment.rest is not None or segment.limits):
+        refuse(key, "a fixed segment has motion and length only; a spring needs motion = 'free'")
+    if length is not None and not low <= length <= high:
+        refuse(f"{key}.length", f"{length} is outside limits [{low}, {high}]")
