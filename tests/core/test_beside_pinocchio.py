@@ -15,7 +15,6 @@ from vlmb.core.scratch import make_scratch
 from vlmb.core.tree import Tree
 from vlmb.model.coordinates import kinematics
 from vlmb.system.dynamics import Dynamics
-from vlmb.system.springs import rest_length
 
 BASES: dict[str, dict[str, Any]] = {
     "pivot": {"kind": "pivot"}, "free": {"kind": "free", "mass": 1.5},
@@ -69,7 +68,7 @@ def arrays(mechanism: vlmb.Mechanism, q: np.ndarray, v: np.ndarray) -> tuple[Tre
             if joint.joint and joint.motion == "free":
                 ints[row, t.LOWER_FREE + side] = 1
                 k = t.K1 + 3 * side
-                real[row, k : k + 3] = segment.stiffness, rest_length(segment), segment.damping
+                real[row, k : k + 3] = segment.stiffness, segment.rest_length, segment.damping
                 positions.append(q[joint.q])
                 velocities.append(v[joint.v])
             else:

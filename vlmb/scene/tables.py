@@ -67,6 +67,11 @@ class Segment(Table, frozen=True, kw_only=True):
         """Limits [m] of the length; (0, inf) unless given."""
         return self.limits or (0.0, math.inf)
 
+    @property
+    def rest_length(self) -> float:
+        """Length [m] at which the spring carries no force; the start length unless given."""
+        return float((self.length if self.rest is None else self.rest) or 0.0)
+
 
 class Link(Table, frozen=True, kw_only=True):
     """One variable-length link: lower massless segment, rod, upper massless segment."""

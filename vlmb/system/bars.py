@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vlmb.model.coordinates import kinematics
 from vlmb.model.mechanism import Mechanism
-from vlmb.system.springs import free_segments, rest_length
+from vlmb.system.springs import free_segments
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class Bars:
         for segment, at in free_segments(mechanism):
             here = lengths == at.q
             self.springs[0, here], self.springs[1, here] = segment.stiffness, segment.damping
-            self.preload[here] = segment.stiffness * rest_length(segment)
+            self.preload[here] = segment.stiffness * segment.rest_length
 
 
 def chain_energies(mechanism: Mechanism, q: Array, v: Array) -> tuple[Array, Array]:

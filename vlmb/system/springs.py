@@ -49,10 +49,10 @@ class SegmentSprings:
         self.near, self.few[:] = False, []
         for segment, at in self.segments if self.guarded else ():
             k, (low, high) = segment.stiffness, segment.bounds
-            known = [at.length, rest_length(segment), *([] if y is None else [y.item(at.q)])]
+            known = [at.length, segment.rest_length, *([] if y is None else [y.item(at.q)])]
             room = high - low if math.isfinite(high - low) else max(abs(x - (low if math.isfinite(low) else high)) for x in known)
             zone = NEAR * room if math.isfinite(room) else 0.0
-            self.few.append((at.q, at.v, k, k * rest_length(segment), low + zone, high - zone))
+            self.few.append((at.q, at.v, k, k * segment.rest_length, low + zone, high - zone))
 
     def dissipation(self, y: Array) -> float:
         """Power lost in the dampers [W]."""
@@ -78,7 +78,7 @@ class SegmentSprings:
         """The same by numpy for many."""
         q, v = (np.array([getattr(at, name) for _, at in segments], dtype=np.intp) for name in "qv")
         minus_k = np.array([-segment.stiffness for segment, _ in segments])
-        preload = np.array([segment.stiffness * rest_length(segment) for segment, _ in segments])
+        preload = np.array([segment.stiffness * segment.rest_length for segment, _ in segments])
         rates, damped = self.nq + v, bool(self.dampers)
         minus_c = np.array([-segment.damping for segment, _ in segments])
         forces, losses, multiply, add = np.zeros(len(v)), np.zeros(len(v)), np.multiply, np.add
@@ -100,7 +100,7 @@ def spring_energy(mechanism: Mechanism, q: Array) -> Array:
     """Energy [J] of the segment springs, sum k (xi - rest)^2 / 2, for q (..., nq)."""
     energy = np.zeros(np.shape(q)[:-1])
     for segment, at in free_segments(mechanism):
-        energy = energy + 0.5 * segment.stiffness * (q[..., at.q] - rest_length(segment)) ** 2
+        energy = energy + 0.5 * segment.stiffness * (q[..., at.q] - segment.rest_length) ** 2
     return energy
 
 
@@ -110,11 +110,6 @@ def free_segments(mechanism: Mechanism) -> Iterator[tuple[Segment, SegmentIndex]
         for segment, at in ((link.lower, indices.lower), (link.upper, indices.upper)):
             if at.joint and at.motion == "free":
                 yield segment, at
-
-
-def rest_length(segment: Segment) -> float:
-    """Length [m] at which the spring carries no force; the start length unless given."""
-    return float((segment.length if segment.rest is None else segment.rest) or 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,184 @@
+"""One evaluation of a mechanism with all that acts on it: forces by law and by input, springs, given lengths, work states."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vlmb.core import opcodes as op
+from vlmb.core import tree as of
+from vlmb.core.jit import kernel
+from vlmb.core.links import accelerate
+from vlmb.core.opcodes import Buffers, Tape, make_buffers
+from vlmb.core.quantities import Quantities, add_row, measure, measure_these
+from vlmb.core.scalars import finite
+from vlmb.core.scratch import AXIAL, Scratch, make_scratch
+from vlmb.core.springs import AngleSprings, add_springs
+from vlmb.core.tape import play_jets, play_values, prepare, read_leaves
+from vlmb.core.tree import Array, Integers, Tree
+
+# Columns of `force`: the quantity it acts along, the root of the tape that gives it (or -1 - its place among inputs), its work.
+ALONG, ROOT, WORK = range(3)
+# Columns of `driven`: the link's row, the column of `given` where the length stands, the root that gives it, its work.
+ROW, COLUMN, DRIVE, DRIVE_WORK = range(4)
+# Entries of `size`
+WORKS, LOSS = range(2)  # number of work states, and which one holds what dampers lose (-1: none does)
+
+# Columns of `watch`: what is watched and which one.
+FORM, WHICH = range(2)
+QUANTITY, SWITCH, LINE_UP, NOTHING = range(4)  # a quantity against a bound; a switch of the tape; a spring's two directions; none
+SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound)
+
+# What may be wrong: a code is source * SOURCES + what the source says.
+SOURCES = 1 << 40
+FROM_LINKS, FROM_QUANTITY, FROM_LAW, FROM_SPRING, FROM_FORCE = range(1, 6)
+
+
+class Plant(NamedTuple):
+    """What a mechanism is and what acts on it: constant for a run."""
+
+    tree: Tree
+    quantities: Quantities
+    tape: Tape
+    parameters: Array  # (P,)
+    force: Integers  # (k, 3)
+    driven: Integers  # (m, 4)
+    springs: AngleSprings
+    watch: Integers  # (e, 2) indicators of events
+    bound: Array  # (e, 2)
+    size: Integers  # (2,)
+
+
+class Memory(NamedTuple):
+    """What evaluations write: one for each thread."""
+
+    scratch: Scratch
+    buffers: Buffers
+    measured: Array  # (quantities, 3)
+    reference: Array  # (quantities, 2) coordinates by which angles keep their branch [rad]
+    near: Array  # (springs,) signed angles by which springs in a plane keep their turn [rad]
+    force: Array  # (velocities,) all generalized forces
+    values: Array  # (k,) of the forces [N, N m]
+    given: Array  # (n, 6) lengths that are not free, with two derivatives
+    inputs: Array  # (inputs,) forces from outside [N, N m]
+    signals: Array  # (signals, 3)
+    lost: Array  # (1,) power lost in dampers between directions [W]
+    row: Array  # (velocities,)
+    switches: Array  # (switches, 2)
+    lines: Array  # (springs, 2)
+
+
+def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
+    """Make the buffers of a plant; given (n, 6) are the lengths that no law drives."""
+    count, nv = len(plant.quantities.kind), int(plant.tree.shape[of.VELOCITIES])
+    memory = Memory(
+        scratch=make_scratch(plant.tree), buffers=make_buffers(plant.tape), measured=np.zeros((count, 3)),
+        reference=np.zeros((count, 2)), near=np.zeros(len(plant.springs.pair)), force=np.zeros(nv),
+        values=np.zeros(len(plant.force)), given=np.array(given), inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
+        switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 2)),
+    )  # fmt: skip
+    prepare(plant.tape, memory.buffers, plant.parameters)
+    return memory
+
+
+@kernel
+def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
+    """Write y' at (t, y) for y = (positions, velocities, work); return 0, or source * SOURCES + what it says."""
+    code = act(plant, memory, t, y)
+    if code != 0:
+        return code
+    code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
+    if code != 0:
+        return FROM_LINKS * SOURCES + code
+    if plant.size[WORKS] > 0:
+        return count_work(plant, memory, y, dy)
+    return 0
+
+
+@kernel
+def act(plant: Plant, memory: Memory, t: float, y: Array) -> int:
+    """Write given lengths and all generalized forces but those of springs along segments; return a code as `evaluate`."""
+    force = memory.force
+    for j in range(force.shape[0]):
+        force[j] = 0.0
+    if plant.tape.root.shape[0] > 0:
+        code = play_laws(plant, memory, t, y)
+        if code != 0:
+            return code
+    for k in range(plant.force.shape[0]):
+        root = plant.force[k, ROOT]
+        value = memory.buffers.slots[plant.tape.root[root], 0] if root >= 0 else memory.inputs[-1 - root]
+        if not finite(value):
+            return FROM_LAW * SOURCES + k
+        memory.values[k] = value
+        along = plant.force[k, ALONG]
+        code = add_row(plant.quantities, along, plant.tree, y, memory.given, memory.reference, value, force)
+        if code != 0:
+            return FROM_FORCE * SOURCES + k
+    if plant.springs.pair.shape[0] > 0:
+        code, memory.lost[0] = add_springs(plant.springs, plant.tree, y, memory.near, force)
+        if code != 0:
+            return FROM_SPRING * SOURCES + code - 1
+    return 0
+
+
+@kernel
+def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
+    """Play the laws: first those of time, which give the driven lengths, then those that see the state."""
+    tape, buffers = plant.tape, memory.buffers
+    drive(plant, memory, t)
+    if tape.used.shape[0] > 0:
+        code = measure_these(plant.quantities, tape.used, plant.tree, y, memory.given, memory.reference, memory.measured)
+        if code != 0:
+            return FROM_QUANTITY * SOURCES + code
+        read_leaves(tape, t, plant.parameters, memory.measured, memory.signals, buffers.slots)
+    play_values(tape, buffers, tape.parts[op.TIME_END], tape.parts[op.ROOTS_END])
+    return 0
+
+
+@kernel
+def drive(plant: Plant, memory: Memory, t: float) -> None:
+    """Play the laws of time with two derivatives; write the driven lengths, their rates and accelerations."""
+    tape, buffers = plant.tape, memory.buffers
+    read_leaves(tape, t, plant.parameters, memory.measured, memory.signals, buffers.slots)
+    play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.TIME_END])
+    for k in range(plant.driven.shape[0]):
+        slot = tape.root[plant.driven[k, DRIVE]]
+        for order in range(3):
+            memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + order] = buffers.slots[slot, order]
+
+
+@kernel
+def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
+    """Write the rates of the work states: power of each force and of each driven length, and what dampers lose [W]."""
+    work = plant.tree.shape[of.POSITIONS] + plant.tree.shape[of.VELOCITIES]
+    for j in range(plant.size[WORKS]):
+        dy[work + j] = 0.0
+    for k in range(plant.force.shape[0]):
+        if memory.values[k] != 0.0:
+            along = plant.force[k, ALONG]
+            code = measure(plant.quantities, along, plant.tree, y, memory.given, memory.reference, memory.measured)
+            if code != 0:
+                return FROM_FORCE * SOURCES + k
+            dy[work + plant.force[k, WORK]] += memory.values[k] * memory.measured[along, 1]
+    for k in range(plant.driven.shape[0]):
+        row, column = plant.driven[k, ROW], plant.driven[k, COLUMN]
+        dy[work + plant.driven[k, DRIVE_WORK]] += memory.scratch.rows[row, AXIAL + column // 3] * memory.given[row, column + 1]
+    if plant.size[LOSS] >= 0:
+        dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0]
+    return 0
+
+
+@kernel
+def segment_losses(tree: Tree, y: Array) -> float:
+    """Return the power lost in the dampers of free segments, the sum of c a'^2 [W]."""
+    lost = 0.0
+    for i in range(tree.shape[of.LINKS]):
+        at = tree.shape[of.POSITIONS] + tree.link[i, of.AT_V] + 3
+        if tree.link[i, of.LOWER_FREE] != 0:
+            lost += tree.real[i, of.C1] * y[at] * y[at]
+            at += 1
+        if tree.link[i, of.UPPER_FREE] != 0:
+            lost += tree.real[i, of.C2] * y[at] * y[at]
+    return lost

@@ -1,0 +1,108 @@
+"""The compiled run: a method's requests answered by the compiled evaluation, and what is looked at after every step."""
+
+from __future__ import annotations
+
+import math
+
+from vlmb.core import tree as of
+from vlmb.core.driver import EVALUATE, FAILURE, H_MAX, INDICATE, RATE, TIME, VALUE, Driver
+from vlmb.core.jit import kernel
+from vlmb.core.march import march
+from vlmb.core.places import link_direction
+from vlmb.core.plant import (
+    BOUND,
+    FORM,
+    LINE_UP,
+    NOTHING,
+    QUANTITY,
+    SIDE,
+    SWITCH,
+    WHICH,
+    Memory,
+    Plant,
+    drive,
+    evaluate,
+)  # fmt: skip
+from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
+from vlmb.core.rows import evaluate_switches
+from vlmb.core.springs import follow_springs, line_ups
+from vlmb.core.tree import Array
+
+TURN = 0.5  # [rad] an azimuth turns no further within a step
+ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
+BEGIN, END, LONGEST = range(3)  # columns of `bounds`
+
+
+@kernel
+def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: float) -> int:
+    """Go on to the next thing that only the caller can answer: see the codes of `driver`.
+
+    bounds (count, 3): from begin to end [s] no step is longer than the third; h_max [s] holds everywhere.
+    """
+    answers, real, code = driver.counts, driver.real, EVALUATE
+    while code in (EVALUATE, INDICATE):
+        code = march(driver)
+        if code == EVALUATE:
+            answers[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
+        elif code == INDICATE:
+            accept(plant, memory, driver.point)
+            real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
+            indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
+    return code
+
+
+@kernel
+def accept(plant: Plant, memory: Memory, y: Array) -> None:
+    """Move the branches of angles to a state of the motion: by them angles are read until the next one."""
+    follow(plant.quantities, plant.tree, y, memory.reference)
+    follow_springs(plant.springs, plant.tree, y, memory.near)
+
+
+@kernel
+def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
+    """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
+    longest = h_max
+    for k in range(bounds.shape[0]):
+        if bounds[k, END] > t:
+            longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
+    for k in range(plant.quantities.kind.shape[0]):
+        if plant.quantities.kind[k, KIND] == AZIMUTH or plant.quantities.kind[k, KIND] == ELEVATION:
+            d, u, _ = link_direction(plant.tree, y, plant.quantities.kind[k, LINK])
+            speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+            off_pole = max(math.hypot(d[0], d[1]), ON_POLE)
+            if speed * longest > TURN * off_pole:
+                longest = TURN * off_pole / speed
+    return longest
+
+
+@kernel
+def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
+    """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
+
+    One that has no value there is nan and counts as not crossed.
+    """
+    tree, quantities = plant.tree, plant.quantities
+    drive(plant, memory, t)
+    if plant.tape.switch.shape[0] > 0:
+        used, nv = plant.tape.used, tree.shape[of.VELOCITIES]
+        first = tree.shape[of.POSITIONS]
+        measure_these(quantities, used, tree, y, memory.given, memory.reference, memory.measured)
+        add_accelerations(
+            quantities, used, tree, y, memory.given, memory.reference, dy[first : first + nv], memory.row, memory.measured
+        )
+        evaluate_switches(plant.tape, memory.buffers, t, plant.parameters, memory.signals, memory.measured, memory.switches)
+    if plant.springs.pair.shape[0] > 0:
+        line_ups(plant.springs, tree, y, memory.lines)
+    for k in range(plant.watch.shape[0]):
+        form, which = plant.watch[k, FORM], plant.watch[k, WHICH]
+        if form == QUANTITY:
+            measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
+            out[VALUE, k] = plant.bound[k, SIDE] * (memory.measured[which, 0] - plant.bound[k, BOUND])
+            out[RATE, k] = plant.bound[k, SIDE] * memory.measured[which, 1]
+        elif form == SWITCH:
+            out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
+        elif form == LINE_UP:
+            out[VALUE, k], out[RATE, k] = memory.lines[which, 1], 0.0
+        elif form == NOTHING:
+            out[VALUE, k], out[RATE, k] = 1.0, 0.0
+

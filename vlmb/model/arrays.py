@@ -1,0 +1,226 @@
+"""A mechanism as arrays for the compiled core: constants of its links, and its states both ways.
+
+The core's state is y = (p, v): of the base its place and velocity, of each link, parents first, the unit direction d and the
+lengths of its free segments in p, and their rates in v. It has no quaternion and no roll. Pinocchio's (q, v) is made from it with
+the rotation that takes the heading to d by the shortest way, and without spin about d: only directions, lengths and forces are
+promised of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core import tree as columns
+from vlmb.core.tree import Tree
+from vlmb.model.coordinates import Layout, LinkIndex, kinematics
+from vlmb.model.reading import Postures
+from vlmb.scene.scene import Scene
+from vlmb.scene.tables import Link, Segment
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BASES = {"pivot": columns.PIVOT, "free": columns.FREE, "ski": columns.SKI}
+BASE_SIZES = {columns.PIVOT: (0, 0), columns.FREE: (3, 3), columns.SKI: (3, 2), columns.SLIDING: (3, 3)}  # in p and in v
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """Constants of a mechanism for the core, and where what stands in its states."""
+
+    scene: Scene
+    layout: Layout
+    tree: Tree
+    given: Array  # (n, 6) lengths [m], rates, accelerations of segments that are not free; the prescribed ones at the start
+    order: tuple[int, ...]  # link of the scene by row
+
+    @cached_property
+    def rows(self) -> dict[int, int]:
+        """Row of each link of the scene."""
+        return {link: row for row, link in enumerate(self.order)}
+
+    @property
+    def positions(self) -> int:
+        """Number of positions."""
+        return int(self.tree.shape[columns.POSITIONS])
+
+    @property
+    def velocities(self) -> int:
+        """Number of velocities."""
+        return int(self.tree.shape[columns.VELOCITIES])
+
+    def length_at(self, link: int, segment: int) -> tuple[int, int]:
+        """Where the length of a free segment (1 lower, 2 upper) and its rate stand in y."""
+        row = self.tree.link[self.rows[link]]
+        shift = 3 + (int(row[columns.LOWER_FREE]) if segment == 2 else 0)
+        return int(row[columns.AT_P]) + shift, self.positions + int(row[columns.AT_V]) + shift
+
+    def pack(self, q: Array, v: Array) -> Array:
+        """Return the core's states (..., positions + velocities) of Pinocchio's q (..., nq), v (..., nv)."""
+        motion, layout = kinematics(self.layout, q, v), self.layout
+        y = np.zeros((*np.shape(q)[:-1], self.positions + self.velocities))
+        p, w = y[..., : self.positions], y[..., self.positions :]
+        kind = int(self.tree.shape[columns.BASE_KIND])
+        if layout.base == "ski":
+            p[..., :2], p[..., 2] = q[..., :2], np.arctan2(q[..., 3], q[..., 2])
+            w[..., : BASE_SIZES[kind][1]] = v[..., [0, 2] if kind == columns.SKI else [0, 1, 2]]
+        elif layout.base == "free":
+            axes = [0, 2] if layout.plane else [0, 1, 2]
+            p[..., axes], w[..., axes] = q[..., : layout.base_size], v[..., : layout.base_size]
+        for row, i in enumerate(self.order):
+            at_p, at_v = (int(self.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
+            p[..., at_p : at_p + 3], w[..., at_v : at_v + 3] = motion.directions[..., i, :], motion.direction_rates[..., i, :]
+            for number, segment in ((1, layout.links[i].lower), (2, layout.links[i].upper)):
+                if segment.motion == "free" and segment.joint:
+                    length, rate = self.length_at(i, number)
+                    y[..., length], y[..., rate] = q[..., segment.q], v[..., segment.v]
+        return y
+
+    def postures(self, y: Array, given: Array) -> Postures:
+        """Return where every point is at states y (..., positions + velocities), given lengths (..., n, 6) by row."""
+        kind, (p, w) = int(self.tree.shape[columns.BASE_KIND]), (y[..., : self.positions], y[..., self.positions :])
+        shape, count = y.shape[:-1], len(self.order)
+        place, velocity = np.zeros((*shape, 3)), np.zeros((*shape, 3))
+        heading, turning = np.zeros(shape), np.zeros(shape)
+        if kind in (columns.SKI, columns.SLIDING):
+            heading, turning, forward = p[..., 2], w[..., BASE_SIZES[kind][1] - 1], w[..., 0]
+            left = w[..., 1] if kind == columns.SLIDING else np.zeros(shape)
+            place[..., :2] = p[..., :2]
+            velocity[..., 0] = np.cos(heading) * forward - np.sin(heading) * left
+            velocity[..., 1] = np.sin(heading) * forward + np.cos(heading) * left
+        elif kind == columns.FREE:
+            place, velocity = np.array(p[..., :3]), np.array(w[..., :3])
+        directions, rates = np.zeros((*shape, count, 3)), np.zeros((*shape, count, 3))
+        lengths, growth = np.zeros((*shape, count, 2)), np.zeros((*shape, count, 2))
+        for row, i in enumerate(self.order):
+            link = self.tree.link[row]
+            d, u = (part[..., at : at + 3] for part, at in ((p, link[columns.AT_P]), (w, link[columns.AT_V])))
+            unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
+            directions[..., i, :], rates[..., i, :] = unit, u - (u * unit).sum(axis=-1, keepdims=True) * unit
+            for number, column in ((1, columns.LOWER_FREE), (2, columns.UPPER_FREE)):
+                if link[column]:
+                    at, at_rate = self.length_at(i, number)
+                    lengths[..., i, number - 1], growth[..., i, number - 1] = y[..., at], y[..., at_rate]
+                else:
+                    first = 3 * (number - 1)
+                    lengths[..., i, number - 1] = given[..., row, first]
+                    growth[..., i, number - 1] = given[..., row, first + 1]
+        return Postures(
+            self.scene, self.layout, place, velocity, heading, turning, directions, rates, lengths, growth
+        )
+
+
+def pinocchio_states(seen: Postures) -> tuple[Array, Array]:
+    """Return Pinocchio's q (..., nq), v (..., nv) of postures: links without roll from the heading, and without spin.
+
+    q is continuous wherever no link points against the heading; in a plane angles are those nearest to zero.
+    """
+    layout, shape = seen.layout, seen.heading.shape
+    q, v = np.zeros((*shape, layout.nq)), np.zeros((*shape, layout.nv))
+    cosine, sine = np.cos(seen.heading), np.sin(seen.heading)
+    if layout.base == "ski":
+        q[..., :2], q[..., 2], q[..., 3] = seen.place[..., :2], cosine, sine
+        x, y = seen.velocity_of_place[..., 0], seen.velocity_of_place[..., 1]
+        v[..., 0], v[..., 1], v[..., 2] = cosine * x + sine * y, cosine * y - sine * x, seen.turning
+    elif layout.base == "free":
+        axes = [0, 2] if layout.plane else [0, 1, 2]
+        q[..., : layout.base_size], v[..., : layout.base_size] = seen.place[..., axes], seen.velocity_of_place[..., axes]
+    half = 0.5 * seen.heading
+    yaw = np.stack([np.zeros(shape), np.zeros(shape), np.sin(half), np.cos(half)], axis=-1)
+    turn = np.stack([np.zeros(shape), np.zeros(shape), seen.turning], axis=-1)
+    for i in layout.order:
+        index, parent = layout.links[i], layout.links[i].parent
+        for side, segment in enumerate((index.lower, index.upper)):
+            if segment.joint:
+                q[..., segment.q], v[..., segment.v] = seen.lengths[..., i, side], seen.length_rates[..., i, side]
+        if layout.plane:
+            angle, rate = _in_plane(seen, i)
+            before = _in_plane(seen, parent) if parent >= 0 else (0.0, 0.0)
+            q[..., index.q], v[..., index.v] = angle - before[0], rate - before[1]
+            continue
+        own = _from_heading(yaw, seen.directions[..., i, :])
+        others = _from_heading(yaw, seen.directions[..., parent, :]) if parent >= 0 else yaw
+        omega = np.cross(seen.directions[..., i, :], seen.direction_rates[..., i, :])
+        carried = np.cross(seen.directions[..., parent, :], seen.direction_rates[..., parent, :]) if parent >= 0 else turn
+        q[..., index.q : index.q + 4] = _product(_conjugate(others), own)
+        v[..., index.v : index.v + 3] = _turned(_conjugate(own), omega - carried)
+    return q, v
+
+
+def _in_plane(seen: Postures, i: int) -> tuple[Array, Array]:
+    """Elevation and its rate in the vertical plane through the heading."""
+    d, u = seen.directions[..., i, :], seen.direction_rates[..., i, :]
+    cosine, sine = np.cos(seen.heading), np.sin(seen.heading)
+    along, growth = cosine * d[..., 0] + sine * d[..., 1], cosine * u[..., 0] + sine * u[..., 1]
+    return np.arctan2(d[..., 2], along), along * u[..., 2] - d[..., 2] * growth
+
+
+def _from_heading(yaw: Array, direction: Array) -> Array:
+    """Quaternion (..., 4) that takes x by the yaw to the heading, and from there by the shortest way to a direction."""
+    x, y, z = np.moveaxis(_turned(_conjugate(yaw), direction), -1, 0)
+    zero = np.zeros_like(x)
+    ahead = np.stack([zero, -z, y, 1.0 + x], axis=-1)
+    behind = np.stack([y, 1.0 - x, zero, -z], axis=-1)  # by half a turn about y, then the shortest way from -x
+    arc = np.where((x >= -0.5)[..., None], ahead, behind)
+    return _product(yaw, arc / np.linalg.norm(arc, axis=-1, keepdims=True))
+
+
+def _conjugate(quaternion: Array) -> Array:
+    return quaternion * np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Product (..., 4) of quaternions x, y, z, w."""
+    a, b, s, t = first[..., :3], second[..., :3], first[..., 3:], second[..., 3:]
+    vector = s * b + t * a + np.cross(a, b)
+    return np.concatenate([vector, s * t - (a * b).sum(axis=-1, keepdims=True)], axis=-1)
+
+
+def _turned(quaternion: Array, vector: Array) -> Array:
+    """Vectors (..., 3) turned by unit quaternions: v + 2 q x (q x v + w v)."""
+    q, w = quaternion[..., :3], quaternion[..., 3:]
+    return vector + 2.0 * np.cross(q, np.cross(q, vector) + w * vector)
+
+
+def make_arrays(scene: Scene, layout: Layout, sliding: bool = False) -> Arrays:
+    """Make the core's constants of a scene; `sliding`: the ski keeps its sideways velocity (its knife edge is a row)."""
+    kind = columns.SLIDING if sliding and layout.base == "ski" else BASES[layout.base]
+    p, v = BASE_SIZES[kind]
+    count = len(layout.links)
+    link, real, given = np.zeros((count, 8), np.int64), np.zeros((count, 16)), np.zeros((count, 6))
+    rows = {i: row for row, i in enumerate(layout.order)}
+    for row, i in enumerate(layout.order):
+        index, table = layout.links[i], scene.links[i]
+        parent = rows[index.parent] if index.parent >= 0 else -1
+        on_rod = parent >= 0 and index.point != "tip"
+        free = [segment.motion == "free" and segment.joint > 0 for segment in (index.lower, index.upper)]
+        link[row] = parent, columns.ROD if on_rod else columns.TIP, p, v, *free, 0, table.tip_mass > 0.0
+        if parent >= 0:
+            link[parent, columns.ROD_CHILDREN if on_rod else columns.TIP_LOAD] = 1
+        real[row] = _constants(table, index, layout, free)
+        given[row, [0, 3]] = [0.0 if is_free else at.length for is_free, at in zip(free, (index.lower, index.upper), strict=True)]
+        p, v = p + 3 + sum(free), v + 3 + sum(free)
+    base = np.array([scene.base.mass, scene.base.inertia, scene.base.com_offset, *scene.surface_gravity])
+    tree = Tree(np.array([kind, p, v, count], np.int64), base, link, real)
+    return Arrays(scene, layout, tree, given, layout.order)
+
+
+def _constants(link: Link, index: LinkIndex, layout: Layout, free: list[bool]) -> Array:
+    """Return a row of the tree's real columns."""
+    found = np.zeros(16)
+    rod = link.rod
+    found[: columns.K1] = rod.length, rod.mass, rod.centre, rod.transverse_inertia, link.tip_mass
+    for is_free, segment, first in ((free[0], link.lower, columns.K1), (free[1], link.upper, columns.K2)):
+        if is_free:
+            found[first : first + 3] = _spring(segment)
+    if index.parent >= 0 and index.point == "rod_end":
+        found[columns.ON_ROD] = layout.links[index.parent].rod_length
+    return found
+
+
+def _spring(segment: Segment) -> tuple[float, float, float]:
+    return segment.stiffness, segment.rest_length, segment.damping

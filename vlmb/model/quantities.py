@@ -1,0 +1,111 @@
+"""The vocabulary as the core reads it: each name a row of numbers, an equation's leaves among them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core import places
+from vlmb.core import quantities as core
+from vlmb.core.opcodes import PARAMETER, RATE, TIME, VALUE
+from vlmb.core.quantities import Quantities, make_quantities
+from vlmb.errors import SceneError
+from vlmb.model.arrays import Arrays
+from vlmb.model.names import ANGLES, GeneralizedForce, Names, Quantity
+from vlmb.model.tape import Leaf
+
+Array = NDArray[np.float64]
+
+Row = tuple[int, int, int, int, float]  # kind, link, component, segments along, offset [m]
+NONE, LOWER, BOTH = 0, places.LOWER, places.BOTH
+SEGMENTS = {1: places.LOWER, 2: places.UPPER}
+
+
+class QuantityTable:
+    """Collects the quantities that a mechanism's forces, laws, rows and events read, each once, in the order of asking."""
+
+    def __init__(self, names: Names, arrays: Arrays, parameters: tuple[str, ...] = ()) -> None:
+        self.names, self.arrays = names, arrays
+        self.parameters = {name: at for at, name in enumerate(parameters)}
+        self.rows: dict[Row, int] = {}
+        self.labels: list[str] = []  # what each quantity is called in messages
+
+    def place(self, row: Row, label: str) -> int:
+        """Return where a quantity stands."""
+        if row not in self.rows:
+            self.rows[row] = len(self.rows)
+            self.labels.append(label)
+        return self.rows[row]
+
+    def of(self, quantity: Quantity) -> int:
+        """Return where a quantity of the vocabulary, or the one whose rate it is, stands."""
+        return self.place(self._row(quantity), quantity.name)
+
+    def along(self, force: GeneralizedForce) -> int:
+        """Return where the quantity stands that a generalized force acts along."""
+        if force.coordinate:
+            return self.of(self.names.find(force.coordinate))
+        return self.place(self._opening(force.link), force.name)
+
+    def resolve(self, name: str) -> Leaf:
+        """Return what a name of an equation is to the tape."""
+        if name == "t":
+            return Leaf(TIME)
+        if name in self.parameters:
+            return Leaf(PARAMETER, self.parameters[name])
+        quantity = self.names.find(name)
+        return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.kind in ANGLES)
+
+    def made(self) -> Quantities:
+        """Return the table for the core."""
+        rows = np.array(list(self.rows), float).reshape(-1, 5)
+        return make_quantities(self.arrays.tree, rows[:, :4].astype(np.int64), rows[:, 4])
+
+    def reference(self, coordinates: Array) -> Array:
+        """Return the branches (count, 2) of azimuth and elevation that coordinates (N,) are on."""
+        found, layout = np.zeros((len(self.rows), 2)), self.arrays.layout
+        for k, (kind, row, component, _, _) in enumerate(self.rows):
+            if kind in (core.AZIMUTH, core.ELEVATION, core.PLANE_ELEVATION):
+                at = layout.place("psi", self.arrays.order[row])
+                found[k] = (0.0 if layout.plane else coordinates[at - 1]), coordinates[at]
+            elif kind == core.PLANE_ANGLE:
+                first, second = (layout.place("psi", self.arrays.order[i]) for i in (row, component))
+                found[k, 1] = coordinates[second] - coordinates[first]
+        return found
+
+    def _row(self, q: Quantity) -> Row:
+        link = self.arrays.rows[q.link] if q.link >= 0 else 0
+        plane = self.arrays.layout.plane
+        if q.kind in ("x", "y", "z"):
+            return core.BASE_PLACE, 0, "xyz".index(q.kind), 0, 0.0
+        if q.kind == "phi0":
+            return core.YAW, 0, 0, 0, 0.0
+        if q.kind == "speed":
+            return core.SPEED, 0, 0, 0, 0.0
+        if q.kind == "phi":
+            return core.AZIMUTH, link, 0, 0, 0.0
+        if q.kind == "psi":
+            return core.PLANE_ELEVATION if plane else core.ELEVATION, link, 0, 0, 0.0
+        if q.kind == "xi":
+            return core.DISTANCE, link, 0, SEGMENTS[q.segment], 0.0
+        rod = float(self.arrays.tree.real[link, 0]) if q.link >= 0 else 0.0
+        if q.kind == "length":
+            return core.DISTANCE, link, 0, BOTH, rod
+        if q.kind == "direction":
+            return core.DIRECTION, link, q.axis, 0, 0.0
+        if q.kind == "com":
+            return core.CENTRE_OF_MASS, 0, q.axis, 0, 0.0
+        if q.kind == "point":
+            ends = {"hinge": (NONE, 0.0), "rod_start": (LOWER, 0.0), "rod_end": (LOWER, rod), "tip": (BOTH, rod)}
+            along, offset = ends[q.point]
+            return core.POINT, link, q.axis, along, offset
+        raise SceneError(f"{q.name}: no quantity that an equation can read")  # pragma: no cover
+
+    def _opening(self, i: int) -> Row:
+        """Return the angle that a hinge torque opens: to the parent's direction; in a plane the elevation over the parent's."""
+        index = self.arrays.layout.links[i]
+        row = self.arrays.rows[i]
+        parent = self.arrays.rows[index.parent] if index.parent >= 0 else places.HEADING
+        if self.arrays.layout.plane:
+            return (core.PLANE_ANGLE, parent, row, 0, 0.0) if index.parent >= 0 else (core.PLANE_ELEVATION, row, 0, 0, 0.0)
+        return core.ANGLE, parent, row, 0, 0.0
