@@ -75,7 +75,8 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
     memory = Memory(
         scratch=make_scratch(plant.tree), buffers=make_buffers(plant.tape), measured=np.zeros((count, 3)),
         reference=np.zeros((count, 2)), near=np.zeros(len(plant.springs.pair)), force=np.zeros(nv),
-        values=np.zeros(len(plant.force)), given=np.array(given), inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
+        values=np.zeros(len(plant.force)), given=np.array(given),
+        inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
         switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 2)),
     )  # fmt: skip
     prepare(plant.tape, memory.buffers, plant.parameters)

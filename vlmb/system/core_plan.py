@@ -1,0 +1,189 @@
+"""What the compiled core runs of a scene: the plant, what its numbers mean, and why it may not serve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core import opcodes as op
+from vlmb.core import places
+from vlmb.core import plant as core
+from vlmb.core import springs as core_springs
+from vlmb.core.plant import Plant
+from vlmb.core.springs import AngleSprings
+from vlmb.model.arrays import Arrays, make_arrays
+from vlmb.model.coordinates import segment_of
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.quantities import QuantityTable
+from vlmb.model.tape import CompiledTape, compile_tape
+from vlmb.scene.expressions import Expression, parse
+from vlmb.scene.tables import Run
+from vlmb.system.prescribed import Prescribed
+from vlmb.system.springs import DirectionSpring
+
+Array = NDArray[np.float64]
+
+LIMIT, FALL, SWITCH, LINE_UP, QUIET = range(5)  # kinds of events; QUIET never happens
+FALLING, BOTH_WAYS = -1.0, 0.0
+
+
+class Event(NamedTuple):
+    """Something that is looked for: what it is, the way its indicator crosses zero, and the sentence of a run that it ends."""
+
+    kind: int
+    direction: float
+    name: str
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class CorePlan:
+    """The plant of a scene; nothing in it changes. Every run has a memory of its own."""
+
+    arrays: Arrays
+    plant: Plant
+    table: QuantityTable = field(repr=False)
+    tape: CompiledTape = field(repr=False)
+    laws: tuple[tuple[str, str], ...]  # of every root: the force or length it gives, and its text
+    acting: tuple[str, ...]  # names of the forces, laws first, then inputs
+    events: tuple[Event, ...]
+
+    @property
+    def positions(self) -> int:
+        """Number of positions in a state."""
+        return self.arrays.positions
+
+    @property
+    def velocities(self) -> int:
+        """Number of velocities in a state."""
+        return self.arrays.velocities
+
+
+def obstacle(mechanism: Mechanism, run: Run) -> str | None:
+    """Say what keeps a scene from the core; None where nothing does."""
+    scene = mechanism.scene
+    if scene.constraints:
+        return "`constraints`"
+    if scene.programme is not None:
+        return "a `programme`"
+    if scene.base.kind == "ski" and run.knife_edge != "reduction":
+        return f"knife_edge = {run.knife_edge!r}"
+    if scene.base.kind == "ski" and scene.plane:
+        return "plane = true on a ski"
+    return None
+
+
+def make_core_plan(
+    mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
+    inputs: Sequence[str], work_names: Sequence[str],
+) -> CorePlan:  # fmt: skip
+    """Compile what acts on a mechanism for the core.
+
+    inputs : forces whose values come from outside; work_names : of the work states in their order.
+    Raises SceneError for an unknown force, ExpressionError for a law that cannot be read.
+    """
+    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout)
+    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
+    works = {name: at for at, name in enumerate(work_names)}
+    roots, laws, forces, acting = [], [], [], []
+    for index, entry in enumerate(scene.forces):
+        if entry.on is not None and entry.law is not None:
+            force = mechanism.names.force(entry.on, f"forces[{index}].on")
+            forces.append((table.along(force), len(roots), works[force.name]))
+            roots.append(_law(mechanism, entry.law, f"forces[{index}].law"))
+            laws.append((force.name, roots[-1].text))
+            acting.append(force.name)
+    for at, name in enumerate(inputs):
+        force = mechanism.names.force(name, "control")
+        forces.append((table.along(force), -1 - at, works[name]))
+        acting.append(name)
+    driven = []
+    for entry in prescribed:
+        link, side = _owner(mechanism, entry.name)
+        driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works[entry.force]))
+        roots.append(_law(mechanism, entry.law.text, entry.law.expression.key))
+        laws.append((entry.name, roots[-1].text))
+    compiled = compile_tape(roots, table.resolve)
+    pairs, constants = _angle_springs(arrays, springs)
+    watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
+    if not events and _reads_angles(table):
+        watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
+    plant = Plant(
+        tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
+        parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
+        force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
+        springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
+        bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
+    )  # fmt: skip
+    return CorePlan(arrays, plant, table, compiled, tuple(laws), tuple(acting), tuple(events))
+
+
+def _law(mechanism: Mechanism, text: str | float, key: str) -> Expression:
+    """Read a law in the time, the parameters, and the quantities of the mechanism."""
+    scene = mechanism.scene
+    allowed = {"t", *scene.parameters}
+    return parse(text, key, allowed)
+
+
+def _owner(mechanism: Mechanism, coordinate: str) -> tuple[int, int]:
+    """Return link and segment (1 lower, 2 upper) of a length by its coordinate's name."""
+    found = mechanism.names.find(coordinate)
+    return found.link, found.segment
+
+
+def _angle_springs(arrays: Arrays, springs: Sequence[DirectionSpring]) -> tuple[NDArray[np.int64], Array]:
+    pairs, constants = np.zeros((len(springs), 3), np.int64), np.zeros((len(springs), 3))
+    for k, spring in enumerate(springs):
+        ends = [spring.first, spring.second]
+        on_base = min(ends) < 0
+        if on_base:
+            ends.sort()
+        form = core_springs.ON_BASE if on_base else core_springs.IN_PLANE if arrays.layout.plane else core_springs.LINKS
+        own = {-1: places.NORMAL, -2: places.HEADING}
+        pairs[k] = *(arrays.rows[end] if end >= 0 else own[end] for end in ends), form
+        constants[k] = spring.stiffness, spring.damping, spring.rest
+    return pairs, constants
+
+
+def _watched(
+    mechanism: Mechanism, run: Run, table: QuantityTable, compiled: CompiledTape, springs: Sequence[DirectionSpring]
+) -> tuple[list[tuple[int, int]], list[tuple[float, float]], list[Event]]:
+    """List the indicators: lengths against their limits, points against the snow, switches of laws, line-ups of springs."""
+    watch: list[tuple[int, int]] = []
+    bounds: list[tuple[float, float]] = []
+    events: list[Event] = []
+
+    def add(form: int, which: int, side: float, bound: float, event: Event) -> None:
+        watch.append((form, which))
+        bounds.append((side, bound))
+        events.append(event)
+
+    for c in mechanism.layout.coordinates:
+        if c.kind == "xi" and segment_of(mechanism.layout, c).motion == "free":
+            for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
+                if math.isfinite(bound):
+                    place = table.of(mechanism.names.find(c.name))
+                    sentence = f"{c.name} reached its limit {bound:g} m"
+                    add(core.QUANTITY, place, side, bound, Event(LIMIT, FALLING, c.name, sentence))
+    if run.fall and mechanism.layout.base == "ski":
+        for link in mechanism.layout.links:
+            for point in (f"{link.name}.rod_end", f"{link.name}.tip"):
+                place = table.of(mechanism.names.find(f"{point}.z"))
+                add(core.QUANTITY, place, 1.0, 0.0, Event(FALL, FALLING, point, f"fall: {point} reached the snow"))
+    for k, (_, operation, kind, depends) in enumerate(compiled.tape.switch.tolist()):
+        if depends == op.OF_STATE and kind != op.EDGE:
+            add(core.SWITCH, k, 1.0, 0.0, Event(SWITCH, BOTH_WAYS, compiled.source(operation), ""))
+    for k, spring in enumerate(springs):
+        if min(spring.first, spring.second) >= 0 and not mechanism.layout.plane and (spring.rest or spring.damping):
+            names = " and ".join(mechanism.layout.links[i].name for i in (spring.first, spring.second))
+            add(core.LINE_UP, k, 1.0, 0.0, Event(LINE_UP, BOTH_WAYS, spring.name, f"{spring.name}: {names} line up"))
+    return watch, bounds, events
+
+
+def _reads_angles(table: QuantityTable) -> bool:
+    return any(name.removesuffix("_dot").startswith(("phi", "psi")) for name in table.labels)
