@@ -69,7 +69,7 @@ def witnessed(of: Scene, times: Array, rtol: float = 1e-13) -> Array:
 
 def worst_condition(run: Trajectory) -> float:
     """Largest condition number of the scaled mass matrix over the samples."""
-    workspace = make_system(run.mechanism, knife_edge=run.run.knife_edge, gain=run.run.gain, run=run.run).workspace()
+    workspace = run.system.workspace()
     every = max(1, len(run) // LOOKED_AT)
     return max(workspace.diagnostics.conditioning(q)[0] for q in run.q[::every])
 

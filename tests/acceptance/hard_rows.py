@@ -27,7 +27,6 @@ from tests.acceptance.hard_finding import (
     worst_condition,
 )
 from tests.acceptance.naive import SCHEMES
-from vlmb.model.memory import make_data
 from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
 from vlmb.system.gains import largest_stable_step
 from vlmb.system.start import consistent_start
@@ -233,9 +232,9 @@ def naive_rows(case: vlmb.Scene) -> str:
     rows, q, v = workspace.solver.rows, start.state.q, start.state.v
     import pinocchio as pin
 
-    mass = np.array(pin.crba(mechanism.model, make_data(mechanism.model), q, pin.Convention.WORLD))
-    bias = np.array(pin.nonLinearEffects(mechanism.model, make_data(mechanism.model), q, v))
-    values = rows.evaluate(0.0, q, v, workspace.branch)
+    mass = np.array(workspace.frames.update(q))
+    bias = np.array(pin.nonLinearEffects(mechanism.model, workspace.frames.data, q, v))
+    values = rows.evaluate(workspace.frames, 0.0, q, v, workspace.branch)
     whole = np.block([[mass, -values.jacobian.T], [values.jacobian, np.zeros((rows.count, rows.count))]])
     tau = np.zeros(len(v))
     workspace.springs.write(np.concatenate([q, v]), tau)

@@ -96,7 +96,7 @@ def test_errors_decay_as_the_matrix_exponential(name: str) -> None:
     found = np.array([*z, *(pair.velocity for pair in pairs)]).T
     workspace, _ = held(DECAYS[name])
     programme = programme_of(workspace)
-    matrix = perturbation_matrix(programme.plan.h, programme.plan.k, programme.holonomic.tolist())
+    matrix = perturbation_matrix(programme.plan.h, programme.plan.k, programme.plan.holonomic.tolist())
     size = np.linalg.norm(found[0])
     assert size > 0.05
     for t, errors in zip(trajectory.t, found, strict=True):
