@@ -28,7 +28,6 @@ from tests.acceptance.hard_finding import (
 from tests.acceptance.naive import paper_chart, pin_integrate
 from tests.reference import exact
 from tests.reference.two_rods import TwoRods, growth_rate
-from vlmb.model.memory import make_data
 from vlmb.simulation.integrate import METHODS
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
@@ -125,7 +124,7 @@ def march(
     workspace = make_system(mechanism, knife_edge=knife_edge, gain=gain).workspace()
     y = workspace.pack(consistent_start(make_system(mechanism)).state)
     driver = METHODS[method].make(workspace.rhs, 0.0, y, step * steps, step_size=step)
-    layout, model, data = mechanism.layout, mechanism.model, make_data(mechanism.model)
+    layout, model, data = mechanism.layout, mechanism.model, workspace.frames.data
     balls = [slice(link.q, link.q + 4) for link in layout.links]
     errors, edge, norms, turned, first = [], 0.0, 0.0, 0.0, math.nan
     heading = math.atan2(y[3], y[2])

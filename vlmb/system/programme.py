@@ -20,7 +20,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.scene.laws import Law, time_law
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
-from vlmb.system.constraints import Constraint
+from vlmb.system.constraints import Constraint, ConstraintSet
 from vlmb.system.gains import gain_matrices, stability_report
 
 Array = NDArray[np.float64]
@@ -87,6 +87,19 @@ def make_plan(
         tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, free,
         second_holonomic, second_h, second_k,
     )  # fmt: skip
+
+
+def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
+    """Compile the ideal rows, those of the programme, then its secondary ones; None where there are none."""
+    scene, programme = mechanism.scene, mechanism.scene.programme
+    texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
+    if programme is not None:
+        texts += [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(programme.constraints)]
+        texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
+    acting = control_channels(mechanism)
+    scales = control_scales(mechanism, acting).tolist()
+    pushed = [(channel.coordinate, scale) for channel, scale in zip(acting, scales, strict=True) if channel.coordinate]
+    return ConstraintSet(mechanism, texts, pushed) if texts else None
 
 
 class ProgrammeControl:

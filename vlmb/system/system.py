@@ -18,7 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.model.coordinates import SegmentIndex, State
 from vlmb.model.long_chains import LONG_CHAIN, is_long
 from vlmb.model.mechanism import Mechanism
-from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Run, Segment
+from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
@@ -26,9 +26,9 @@ from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import HUGE, Diagnostics
 from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames
-from vlmb.system.gains import largest_stable_step
+from vlmb.system.gains import require_decay
 from vlmb.system.prescribed import Prescribed, prescribed_segments
-from vlmb.system.programme import ProgrammePlan, control_channels, control_scales, make_plan
+from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
 from vlmb.system.recursive import along_heading, recursive
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
 from vlmb.system.subchains import SubChains
@@ -171,7 +171,9 @@ def make_system(
             raise SceneError(f"{key} = {value!r}: no such {key}; {nearest(value, allowed)}")
     springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
     forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
-    _require_decay(mechanism, run)
+    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    if held or scene.constraints:
+        require_decay(run)
     if scene.programme is not None:
         assert rows is not None
         servo = len(scene.constraints) + len(scene.programme.constraints)
@@ -180,32 +182,6 @@ def make_system(
     if route is not None:
         _ = made.route  # refuses one that does not serve
     return made
-
-
-def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
-    """Compile the ideal rows, those of the programme, then its secondary ones; None where there are none."""
-    scene, programme = mechanism.scene, mechanism.scene.programme
-    texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
-    if programme is not None:
-        texts += [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(programme.constraints)]
-        texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
-    acting = control_channels(mechanism)
-    scales = control_scales(mechanism, acting).tolist()
-    pushed = [(channel.coordinate, scale) for channel, scale in zip(acting, scales, strict=True) if channel.coordinate]
-    return ConstraintSet(mechanism, texts, pushed) if texts else None
-
-
-def _require_decay(mechanism: Mechanism, run: Run) -> None:
-    """Refuse a gain under which errors of ideal rows would grow at the step of a fixed-step method."""
-    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
-    if not (held or mechanism.scene.constraints) or not run.gain > 0.0 or run.method not in FIXED_STEP:
-        return
-    limit, step = largest_stable_step(np.array([-run.gain], dtype=complex), run.method), run.step or DEFAULT_STEP
-    if step >= limit:
-        raise SceneError(
-            f"run.gain = {run.gain:g} 1/s: with method {run.method!r} errors of ideal rows grow at step "
-            f"{step:g} s; the largest stable step is {limit:.6g} s: reduce gain or step"
-        )
 
 
 class Workspace:
