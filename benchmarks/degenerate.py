@@ -24,6 +24,7 @@ from vlmb.equations.motion import equations_of_motion
 from vlmb.errors import SingularError
 from vlmb.model.coordinates import kinematics
 from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.memory import make_data
 from vlmb.scene.scene import Scene
 from vlmb.views.style import BLACK, GREY, PALETTE
 
@@ -98,10 +99,10 @@ def by_the_engine(m: Mechanism, coordinates: Named, rates: Named) -> tuple[float
     layout = m.layout
     q, v = m.state(coordinates, equations_of_motion(m, coordinates, rates).rates)
     keep = np.array([k for k in range(layout.nv) if k != 1 or layout.base != "ski"])
-    mass = np.array(pin.crba(m.model, m.data, q, pin.Convention.LOCAL))[np.ix_(keep, keep)]
+    mass = np.array(pin.crba(m.model, make_data(m.model), q, pin.Convention.LOCAL))[np.ix_(keep, keep)]
     vdot = np.zeros(layout.nv)
     try:
-        vdot[keep] = np.linalg.solve(mass, -pin.nonLinearEffects(m.model, m.data, q, v)[keep])
+        vdot[keep] = np.linalg.solve(mass, -pin.nonLinearEffects(m.model, make_data(m.model), q, v)[keep])
     except np.linalg.LinAlgError:
         return float(np.linalg.cond(mass)), None
     motion, regular = kinematics(layout, q, v), []

@@ -31,8 +31,9 @@ from vlmb.core.links import accelerate, respond
 from vlmb.core.scratch import Scratch, make_scratch
 from vlmb.core.tree import VELOCITIES, Tree
 from vlmb.model.long_chains import LONG_CHAIN
-from vlmb.model.mechanism import Mechanism, build, data_bytes
-from vlmb.system.dynamics import Dynamics
+from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.memory import data_bytes, make_data
+from vlmb.system.system import make_system
 from vlmb.views.style import BLACK, PALETTE
 
 if TYPE_CHECKING:
@@ -57,9 +58,9 @@ def ways(links: int) -> tuple[str, ...]:
 
 def evaluation(mechanism: Mechanism, state: vlmb.State, way: str | None = None) -> Callable[[], Any]:
     """One evaluation, by the way that `simulate` takes or by a named one; it returns the velocities' derivatives."""
-    dynamics = Dynamics(mechanism) if way is None else Dynamics(mechanism, route=way)
-    y, first = dynamics.pack(state), dynamics.nq
-    rhs, last = dynamics.rhs, first + dynamics.nv
+    workspace = make_system(mechanism, route=way).workspace()
+    y, first = workspace.pack(state), workspace.nq
+    rhs, last = workspace.rhs, first + workspace.nv
     return lambda: rhs(0.0, y)[first:last]
 
 
@@ -94,7 +95,7 @@ def seconds(mechanism: Mechanism) -> dict[str, float]:
     links, state, model = len(mechanism.layout.links), posture(mechanism, 0), mechanism.model
     functions = {way: evaluation(mechanism, state, way) for way in ways(links)}
     if links <= ONE_MODEL:
-        data, q, v, tau = mechanism.data, np.array(state.q), np.array(state.v), np.zeros(model.nv)
+        data, q, v, tau = make_data(mechanism.model), np.array(state.q), np.array(state.v), np.zeros(model.nv)
         functions["bare"] = lambda: (pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v))
         functions["aba"] = lambda: pin.aba(model, data, q, v, tau)
     return interleaved(functions, repeats=30 if links <= 8 else 12 if links <= ONE_MODEL else 6)

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.memory import make_data
 from vlmb.scene.scene import load_scene
 from vlmb.simulation.simulate import simulate
 from vlmb.views.style import PALETTE
@@ -37,7 +38,7 @@ def one_run(mechanism: Mechanism, options: dict[str, Any]) -> dict[str, Any]:
     """Energy error over the start's kinetic energy, error of the angular momentum about the vertical, and cost."""
     times = np.linspace(0.0, STEPS * STEP, SAMPLES + 1)
     trajectory = simulate(mechanism, float(times[-1]), t_eval=times, **options)
-    data = mechanism.data
+    data = make_data(mechanism.model)
     turn = np.array([_about_vertical(mechanism, data, q, v) for q, v in zip(trajectory.q, trajectory.v, strict=True)])
     scale = float(trajectory["kinetic"][0])
     energy = trajectory["balance"] / scale

@@ -19,8 +19,8 @@ import msgspec
 
 import vlmb
 from vlmb.model.mechanism import build
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 LIGHT = 1e-6  # of the rod's mass: hung on a last segment to make it a joint
 PARTS = {
@@ -44,18 +44,18 @@ class Prepared:
 
     def __init__(self, scene: vlmb.Scene) -> None:
         self.mechanism = build(scene)
-        run, start = scene.run, consistent_start(self.mechanism)
-        self.dynamics = Dynamics(self.mechanism, run.knife_edge, run.gain, run=run)
-        self.dynamics.reference = [start.coordinates[name] for name in self.mechanism.layout.names]
-        self.y = self.dynamics.pack(start.state)
+        system = make_system(self.mechanism)
+        start = consistent_start(system)
+        self.workspace = system.workspace(branch=[start.coordinates[name] for name in self.mechanism.layout.names])
+        self.y = self.workspace.pack(start.state)
 
     def rhs(self) -> None:
         """Evaluate once."""
-        self.dynamics.rhs(0.0, self.y)
+        self.workspace.rhs(0.0, self.y)
 
     def reactions(self) -> None:
         """Evaluate once with all reactions."""
-        self.dynamics.evaluate(0.0, self.y)
+        self.workspace.evaluate(0.0, self.y)
 
 
 def held(scene: vlmb.Scene) -> vlmb.Scene:

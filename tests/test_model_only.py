@@ -13,7 +13,7 @@ import pytest
 
 import vlmb
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, link, scene
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.system import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 UNASKED = (
@@ -93,8 +93,8 @@ def test_a_run_computes_no_reactions_and_no_geometry_unasked(monkeypatch: pytest
     def unasked(*_: object) -> None:
         raise AssertionError("nobody asked for this")
 
-    evaluate = Dynamics.evaluate
-    monkeypatch.setattr(Dynamics, "evaluate", unasked)
+    evaluate = Workspace.evaluate
+    monkeypatch.setattr(Workspace, "evaluate", unasked)
     monkeypatch.setattr(pin, "rnea", unasked)
     for name in ("GeometryModel", "GeometryData", "updateGeometryPlacements"):
         monkeypatch.setattr(pin, name, unasked)
@@ -107,7 +107,7 @@ def test_a_run_computes_no_reactions_and_no_geometry_unasked(monkeypatch: pytest
     with pytest.raises(AssertionError, match="nobody asked"):
         _ = trajectory.reactions["knife_edge"]
     monkeypatch.undo()
-    assert Dynamics.evaluate is evaluate
+    assert Workspace.evaluate is evaluate
     assert np.abs(trajectory.reactions["knife_edge"]).max() > 0.0
 
 

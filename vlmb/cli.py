@@ -19,7 +19,8 @@ from vlmb.equations import matrices
 from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
 from vlmb.model.long_chains import is_long
-from vlmb.model.mechanism import build, data_bytes
+from vlmb.model.mechanism import build
+from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.simulation.integrate import METHODS
@@ -28,6 +29,7 @@ from vlmb.simulation.trajectory import Trajectory, load_trajectory
 from vlmb.studies import bench
 from vlmb.studies.work_precision import measure
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 from vlmb.views import view, work_precision_plots
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames
@@ -102,7 +104,7 @@ def _run(args: argparse.Namespace) -> int:
     changes = {key: getattr(args, key) for key in ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain")}
     if path.suffix == ".npz":
         stored = load_trajectory(path)
-        if stored.asked_names:
+        if stored.input_names:
             raise VlmbError(f"{path}: this run had a Python control callable, which is not stored; it cannot be replayed")
         scene = stored.scene.changed(run=stored.run)
         if stored.status == "finished" and args.duration is None:
@@ -161,7 +163,7 @@ def _advance(bar: Any, t: float) -> None:
 def _info(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     mechanism = build(scene)
-    layout, free = mechanism.layout, Checked(mechanism, consistent_start(mechanism)).degrees_of_freedom
+    layout, free = mechanism.layout, Checked(mechanism, consistent_start(make_system(mechanism))).degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
     print(f"  degrees of freedom  {free}")

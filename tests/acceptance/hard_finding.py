@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.reference.witness import Witness
 from vlmb import Scene, Trajectory, VlmbError, build, simulate
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]
@@ -69,15 +69,15 @@ def witnessed(of: Scene, times: Array, rtol: float = 1e-13) -> Array:
 
 def worst_condition(run: Trajectory) -> float:
     """Largest condition number of the scaled mass matrix over the samples."""
-    dynamics = Dynamics(run.mechanism, run.run.knife_edge, run.run.gain, run=run.run)
+    workspace = run.system.workspace()
     every = max(1, len(run) // LOOKED_AT)
-    return max(dynamics.faults.conditioning(q)[0] for q in run.q[::every])
+    return max(workspace.diagnostics.conditioning(q)[0] for q in run.q[::every])
 
 
 def posture_condition(of: Scene, coordinates: Mapping[str, float]) -> float:
     """Condition number of the scaled mass matrix at a posture."""
     mechanism = build(of)
-    return Dynamics(mechanism).faults.conditioning(mechanism.state(coordinates).q)[0]
+    return make_system(mechanism, gain=0.0).workspace().diagnostics.conditioning(mechanism.state(coordinates).q)[0]
 
 
 def judged(what: str, done: str, run: Trajectory, reference: Array, limit: float, naive: str = "", **known: Any) -> Finding:

@@ -248,7 +248,7 @@ def equilibrium(quick: bool = False) -> list[Finding]:
             scene(PIVOT, [upright()]), np.linspace(0.0, 3.0, 31), method=method, **({"step": 1e-2} if method == "gauss" else {})
         )
         off = float(np.abs(way.position("link1") - [0.0, 0.0, 0.5]).max())
-        said = " ".join([*way.repairs, "" if way.status == "finished" else way.message]).strip()
+        said = " ".join([*way.adjustments, "" if way.status == "finished" else way.message]).strip()
         found.append(
             Finding(
                 f"link upright at rest, 3 s, {method}",

@@ -29,8 +29,8 @@ from tests.acceptance.naive import paper_chart, pin_integrate
 from tests.reference import exact
 from tests.reference.two_rods import TwoRods, growth_rate
 from vlmb.simulation.integrate import METHODS
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 BAD = (math.inf, -math.inf, math.nan, 5e-324, 1e-310, 1.7e308)
 
@@ -121,20 +121,20 @@ def march(
     Also the largest error of the edge [m/s] and of quaternion norms, `turns` of the heading, the last condition number.
     """
     mechanism = vlmb.build(case)
-    dynamics = Dynamics(mechanism, knife_edge, gain)
-    y = dynamics.pack(consistent_start(mechanism).state)
-    driver = METHODS[method].make(dynamics.rhs, 0.0, y, step * steps, step_size=step)
-    layout, model, data = mechanism.layout, mechanism.model, mechanism.data
+    workspace = make_system(mechanism, knife_edge=knife_edge, gain=gain).workspace()
+    y = workspace.pack(consistent_start(make_system(mechanism)).state)
+    driver = METHODS[method].make(workspace.rhs, 0.0, y, step * steps, step_size=step)
+    layout, model, data = mechanism.layout, mechanism.model, workspace.frames.data
     balls = [slice(link.q, link.q + 4) for link in layout.links]
     errors, edge, norms, turned, first = [], 0.0, 0.0, 0.0, math.nan
     heading = math.atan2(y[3], y[2])
     for k in range(1001):
         y = driver.advance(step * steps * k / 1000.0) if k else y
-        q, v = dynamics.unpack(0.0, y)
+        q, v = workspace.unpack(0.0, y)
         energy = pin.computeKineticEnergy(model, data, q, v) + pin.computePotentialEnergy(model, data, q)
         energy += float(vlmb.system.springs.spring_energy(mechanism, q[None])[0])
         pin.crba(model, data, q, pin.Convention.WORLD)
-        energy += sum(spring.energy(dynamics.frames) for spring in dynamics.direction_springs)
+        energy += sum(spring.energy(workspace.frames) for spring in workspace.system.direction_springs)
         first = energy if k == 0 else first
         errors.append(energy / first - 1.0)
         edge = max(edge, abs(float(v[1])))
@@ -145,7 +145,7 @@ def march(
     share = np.array(errors)
     return {
         "energy": float(np.abs(share).max()), "drift": float(share[-100:].mean() - share[:100].mean()), "edge": edge,
-        "norms": norms, "turns": abs(turned) / math.tau, "condition": dynamics.faults.conditioning(y[: layout.nq])[0],
+        "norms": norms, "turns": abs(turned) / math.tau, "condition": workspace.diagnostics.conditioning(y[: layout.nq])[0],
     }  # fmt: skip
 
 
@@ -315,7 +315,7 @@ def bad_input(quick: bool = False) -> list[Finding]:
         note(f"t_eval {value}", lambda value=value: vlmb.simulate(case, t_eval=[0.0, value]))
     found.append(report("every argument of simulate"))
     mechanism = vlmb.build(case)
-    posture = mechanism.coordinates(consistent_start(mechanism).state)
+    posture = mechanism.coordinates(consistent_start(make_system(mechanism)).state)
     values = {name: posture[name] for name in mechanism.coordinate_names}
     for name in values:
         for value in BAD[:3]:

@@ -28,9 +28,9 @@ from tests.acceptance.hard_finding import (
 )
 from tests.acceptance.naive import SCHEMES
 from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.gains import largest_stable_step
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 SPRINGS: Table = {
     "lower": {"length": 0.3, "stiffness": 4e3, "limits": ANY_LENGTH},
@@ -51,18 +51,18 @@ def largest_residual(way: vlmb.Trajectory) -> float:
 def unrepaired(case: vlmb.Scene, coordinates: dict[str, float], seconds: float) -> str:
     """What becomes of a start that is not repaired, without stabilization: the largest residual at the start and the end."""
     mechanism = vlmb.build(case)
-    good = consistent_start(mechanism)
-    dynamics = Dynamics(mechanism, "reduction", 0.0, run=case.run)
+    good = consistent_start(make_system(mechanism))
+    workspace = make_system(mechanism, knife_edge="reduction", gain=0.0, run=case.run).workspace()
     values = good.coordinates | coordinates
-    dynamics.reference = [values[name] for name in mechanism.layout.names]
-    y = dynamics.pack(mechanism.state(values, good.rates))
+    workspace.branch = [values[name] for name in mechanism.layout.names]
+    y = workspace.pack(mechanism.state(values, good.rates))
 
     def size(y: Array) -> float:
-        return max(abs(z) for z, _ in dynamics.evaluate(0.0, y).residuals.values())
+        return max(abs(z) for z, _ in workspace.evaluate(0.0, y).residuals.values())
 
     first = size(y)
     for k in range(round(seconds / STEP)):
-        y = SCHEMES["euler"](dynamics.rhs, k * STEP, y, STEP)
+        y = SCHEMES["euler"](workspace.rhs, k * STEP, y, STEP)
     return f"no repair, no gain, explicit Euler: the error goes from {first:.2g} to {size(y):.2g} without a word"
 
 
@@ -72,7 +72,7 @@ def starts(quick: bool = False) -> list[Finding]:
     far = {"speed": 2.0, "phi0": 0.0, "phi1": 2.0, "psi1": 1.0, "phi0_dot": 1.0}
     case = scene(SKI, [WEIGHTY], constraints=["phi1 = phi0"], start=far)
     way = run(case, times)
-    begun = consistent_start(way.mechanism)
+    begun = consistent_start(make_system(way.mechanism))
     told = case.changed(
         start={
             **begun.coordinates,
@@ -81,7 +81,7 @@ def starts(quick: bool = False) -> list[Finding]:
         }
     )
     reference = witnessed(told, times)
-    said = "; ".join(way.repairs)
+    said = "; ".join(way.adjustments)
     naive = unrepaired(case, {"phi0": 0.0, "phi1": 0.5}, 0.5)
     found.append(
         judged(
@@ -106,7 +106,7 @@ def starts(quick: bool = False) -> list[Finding]:
             limit=1e-9,
             residual=largest_residual(way),
             condition=worst_condition(way),
-            said="; ".join(way.repairs),
+            said="; ".join(way.adjustments),
         )
     )
     case = scene(SKI, [WEIGHTY], start={"x_dot": 1.0, "y_dot": 5.0, "psi1": 1.0})
@@ -121,7 +121,7 @@ def starts(quick: bool = False) -> list[Finding]:
             1e-12,
             side,
             worst_condition(way),
-            "; ".join(way.repairs),
+            "; ".join(way.adjustments),
         )
     )
     programme = {"constraints": ["psi1 = 1.2"], "controls": ["M_psi1"], "frequency": 10.0}
@@ -138,7 +138,7 @@ def starts(quick: bool = False) -> list[Finding]:
             1e-9,
             abs(decay[-1]),
             worst_condition(way),
-            "; ".join(way.repairs),
+            "; ".join(way.adjustments),
         )
     )
     impossible: dict[str, Table] = {
@@ -183,7 +183,8 @@ def dependent(quick: bool = False) -> list[Finding]:
         way = run(case, times)
         found.append(
             judged(
-                what, "Cholesky", way, both, 1e-6, naive_rows(case), residual=largest_residual(way), said="; ".join(way.repairs)
+                what, "Cholesky", way, both, 1e-6, naive_rows(case), residual=largest_residual(way),
+                said="; ".join(way.adjustments),
             )
         )
     controls = ["M_psi1", "F1_1", "F1_2"]
@@ -224,19 +225,19 @@ def dependent(quick: bool = False) -> list[Finding]:
 def naive_rows(case: vlmb.Scene) -> str:
     """Solve the bordered matrix [[M, -J^T], [J, 0]] at the start as it stands."""
     mechanism = vlmb.build(case)
-    start = consistent_start(mechanism)
-    dynamics = Dynamics(mechanism, "reduction", 0.0, run=case.run)
-    dynamics.reference = [start.coordinates[name] for name in mechanism.layout.names]
-    good = dynamics.evaluate(0.0, dynamics.pack(start.state)).vdot
-    rows, q, v = dynamics.system.rows, start.state.q, start.state.v
+    start = consistent_start(make_system(mechanism))
+    workspace = make_system(mechanism, knife_edge="reduction", gain=0.0, run=case.run).workspace()
+    workspace.branch = [start.coordinates[name] for name in mechanism.layout.names]
+    good = workspace.evaluate(0.0, workspace.pack(start.state)).vdot
+    rows, q, v = workspace.solver.rows, start.state.q, start.state.v
     import pinocchio as pin
 
-    mass = np.array(pin.crba(mechanism.model, mechanism.data, q, pin.Convention.WORLD))
-    bias = np.array(pin.nonLinearEffects(mechanism.model, mechanism.data, q, v))
-    values = rows.evaluate(0.0, q, v, dynamics.reference)
+    mass = np.array(workspace.frames.update(q))
+    bias = np.array(pin.nonLinearEffects(mechanism.model, workspace.frames.data, q, v))
+    values = rows.evaluate(workspace.frames, 0.0, q, v, workspace.branch)
     whole = np.block([[mass, -values.jacobian.T], [values.jacobian, np.zeros((rows.count, rows.count))]])
     tau = np.zeros(len(v))
-    dynamics.springs.write(np.concatenate([q, v]), tau)
+    workspace.springs.write(np.concatenate([q, v]), tau)
     try:
         answer = np.linalg.solve(whole, np.concatenate([tau - bias, -values.drift]))[: len(v)]
     except np.linalg.LinAlgError:
@@ -250,25 +251,25 @@ def grows(method: str, product: float, holonomic: bool, steps: int = 400) -> boo
     if holonomic:
         case = scene(PIVOT, [rod(0.5, 2.0)], gravity=0.0, constraints=["psi1 = 0.3"], start={"psi1": 0.3})
         mechanism, at = vlmb.build(case), 1e-7
-        dynamics = Dynamics(mechanism, "reduction", gain, run=case.run)
+        workspace = make_system(mechanism, knife_edge="reduction", gain=gain, run=case.run).workspace()
         values = {"phi1": 0.0, "psi1": 0.3 + at}
-        dynamics.reference = list(values.values())
-        y = dynamics.pack(mechanism.state(values))
+        workspace.branch = list(values.values())
+        y = workspace.pack(mechanism.state(values))
     else:
         case = scene(SKI, [], start={})
         mechanism, at = vlmb.build(case), 1e-7
-        dynamics = Dynamics(mechanism, "multiplier", gain, run=case.run)
-        y = dynamics.pack(consistent_start(mechanism).state)
-        y[dynamics.nq + 1] = at
+        workspace = make_system(mechanism, knife_edge="multiplier", gain=gain, run=case.run).workspace()
+        y = workspace.pack(consistent_start(make_system(mechanism)).state)
+        y[workspace.nq + 1] = at
 
     def size() -> float:
         return (
-            abs(mechanism.coordinates((y[: dynamics.nq], y[dynamics.nq : dynamics.nq + dynamics.nv]))["psi1"] - 0.3)
+            abs(mechanism.coordinates((y[: workspace.nq], y[workspace.nq : workspace.nq + workspace.nv]))["psi1"] - 0.3)
             if holonomic
-            else abs(float(y[dynamics.nq + 1]))
+            else abs(float(y[workspace.nq + 1]))
         )
 
-    driver = METHODS[method].make(dynamics.rhs, 0.0, y, STEP * steps, step_size=STEP)
+    driver = METHODS[method].make(workspace.rhs, 0.0, y, STEP * steps, step_size=STEP)
     largest = []
     try:
         for k in range(1, steps + 1):
@@ -419,18 +420,18 @@ def posture(quick: bool = False) -> list[Finding]:
 def naive_programme(case: vlmb.Scene) -> str:
     """The same law by RK4 with steps of 1 ms, without looking back at what each step did."""
     mechanism = vlmb.build(case)
-    start = consistent_start(mechanism)
-    dynamics = Dynamics(mechanism, run=case.run)
-    dynamics.reference = [start.coordinates[name] for name in mechanism.layout.names]
-    y, worst = dynamics.pack(start.state), 0.0
+    start = consistent_start(make_system(mechanism))
+    workspace = make_system(mechanism, run=case.run, gain=0.0).workspace()
+    workspace.branch = [start.coordinates[name] for name in mechanism.layout.names]
+    y, worst = workspace.pack(start.state), 0.0
     try:
         for k in range(1000):
-            y = SCHEMES["rk4"](dynamics.rhs, k * STEP, y, STEP)
+            y = SCHEMES["rk4"](workspace.rhs, k * STEP, y, STEP)
             now = mechanism.coordinates(
-                dynamics.unpack(0.0, y), dict(zip(mechanism.layout.names, dynamics.reference, strict=True))
+                workspace.unpack(0.0, y), dict(zip(mechanism.layout.names, workspace.branch, strict=True))
             )
-            dynamics.reference = [now[name] for name in mechanism.layout.names]
-            worst = max(worst, float(np.abs(dynamics.system.controls).max()))
+            workspace.branch = [now[name] for name in mechanism.layout.names]
+            worst = max(worst, float(np.abs(workspace.solver.controls).max()))
             if not np.isfinite(y).all() or worst > 1e12:
                 return f"RK4 without a guard: blows up at t = {k * STEP:.3f} s"
     except vlmb.VlmbError as error:

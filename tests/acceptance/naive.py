@@ -19,8 +19,8 @@ from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene
 from vlmb.simulation.integrate import euler, rk4
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 FINISHED = "finished"
@@ -62,7 +62,7 @@ def paper_chart(
     A ski needs form "chaplygin", with y' = x' tan(phi0), or "speed". `most` evaluations, then it gives up.
     """
     mechanism = build(scene)
-    names, start = mechanism.layout.names, consistent_start(mechanism)
+    names, start = mechanism.layout.names, consistent_start(make_system(mechanism))
     first = equations_of_motion(mechanism, start.coordinates, start.rates, form)
     springs = _springs(mechanism)
     count, calls = len(names), 0
@@ -104,14 +104,14 @@ def paper_chart(
 def pin_integrate(scene: Scene, times: Sequence[float], step: float = 1e-3, scheme: str = "rk4", gain: float = 0.0) -> Naive:
     """Integrate (q, v) with q <- pin.integrate(q, h v) in every stage; the knife edge by its multiplier, unstabilized."""
     mechanism = build(scene)
-    start = consistent_start(mechanism).state
+    start = consistent_start(make_system(mechanism)).state
     ski = mechanism.layout.base == "ski"
-    dynamics = Dynamics(mechanism, "multiplier" if ski else "reduction", gain, start=start)
+    workspace = make_system(mechanism, knife_edge="multiplier" if ski else "reduction", gain=gain).workspace()
     model, nq, nv = mechanism.model, mechanism.layout.nq, mechanism.layout.nv
-    work = np.zeros(dynamics.size - nq - nv)
+    work = np.zeros(workspace.size - nq - nv)
 
     def acceleration(t: float, q: Array, v: Array) -> Array:
-        return np.array(dynamics.rhs(t, np.concatenate([q, v, work]))[nq : nq + nv])
+        return np.array(workspace.rhs(t, np.concatenate([q, v, work]))[nq : nq + nv])
 
     q, v, t = np.array(start.q), np.array(start.v), 0.0
     tips, base, outcome = [], [], FINISHED
@@ -137,7 +137,7 @@ def pin_integrate(scene: Scene, times: Sequence[float], step: float = 1e-3, sche
                 base.append(q[:2].copy())
     except VlmbError:
         outcome = f"NaN at t = {t:.4g} s"
-    return Naive(np.array(tips), np.array(base), dynamics.evaluations, outcome)
+    return Naive(np.array(tips), np.array(base), workspace.evaluations, outcome)
 
 
 def _states(

@@ -208,7 +208,7 @@ def test_14_rest_at_an_unstable_equilibrium() -> None:
 def test_14_a_stable_equilibrium_needs_no_word() -> None:
     hanging = scene(PIVOT, [rod()], start={"psi1": -math.pi / 2})
     way = vlmb.simulate(hanging, duration=1.0)
-    assert way.repairs == ()
+    assert way.adjustments == ()
     assert np.abs(way.position("link1") - [0.0, 0.0, -0.5]).max() < 1e-12
 
 

@@ -14,7 +14,7 @@ from vlmb.core.links import accelerate
 from vlmb.core.scratch import make_scratch
 from vlmb.core.tree import Tree
 from vlmb.model.coordinates import kinematics
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.system import make_system
 
 BASES: dict[str, dict[str, Any]] = {
     "pivot": {"kind": "pivot"}, "free": {"kind": "free", "mass": 1.5},
@@ -106,10 +106,10 @@ def test_accelerations_are_those_of_the_generated_model(base: str, seed: int) ->
     if base == "ski":
         speed = rates["x_dot"]
         rates |= {"x_dot": speed * math.cos(values["phi0"]), "y_dot": speed * math.sin(values["phi0"])}
-    dynamics = Dynamics(mechanism, route="dense")
-    y = dynamics.pack(mechanism.state(values, rates))
-    q, v = dynamics.unpack(0.0, y)
-    vdot = dynamics.rhs(0.0, y)[dynamics.nq : dynamics.nq + dynamics.nv].copy()
+    workspace = make_system(mechanism, route="dense").workspace()
+    y = workspace.pack(mechanism.state(values, rates))
+    q, v = workspace.unpack(0.0, y)
+    vdot = workspace.rhs(0.0, y)[workspace.nq : workspace.nq + workspace.nv].copy()
     tree, state, given = arrays(mechanism, q, v)
     dy = np.zeros_like(state)
     assert accelerate(tree, state, given, np.zeros(tree.shape[t.VELOCITIES]), dy, make_scratch(tree)) == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from tests.core.against_today import Vocabulary, forms, make_state, make_tree
@@ -15,7 +14,7 @@ from vlmb.model.mechanism import build
 from vlmb.model.tape import compile_tape
 from vlmb.scene.expressions import parse, parse_equation
 from vlmb.scene.scene import load_scene
-from vlmb.system.constraints import Rows
+from vlmb.system.constraints import ConstraintSet
 from vlmb.system.frames import LinkFrames
 
 MORE = [
@@ -35,9 +34,9 @@ def test_rows_agree_with_todays_engine(name: str) -> None:
     q, v, near = state.q, state.v.copy(), np.array([coordinates[n] for n in layout.names])
     v[1] = 0.3
     frames = LinkFrames(mechanism)
-    todays = Rows(mechanism, frames, [(text, f"row {k}", False) for k, text in enumerate(texts)])
-    pin.crba(mechanism.model, mechanism.data, q, pin.Convention.WORLD)
-    old = todays.evaluate(0.7, q, v, near)
+    todays = ConstraintSet(mechanism, [(text, f"row {k}", False) for k, text in enumerate(texts)])
+    frames.update(q)
+    old = todays.evaluate(frames, 0.7, q, v, near)
 
     shape, given = make_tree(mechanism)
     vocabulary = Vocabulary(mechanism)

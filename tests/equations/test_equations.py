@@ -22,7 +22,8 @@ from vlmb.equations import blocks as equation_blocks
 from vlmb.equations import closed_form
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.model.coordinates import kinematics
-from vlmb.system.dynamics import Dynamics
+from vlmb.model.memory import make_data
+from vlmb.system.system import make_system
 
 TOLERANCE = 1e-12
 FLOOR = 1e-3  # a block that nearly vanishes at a posture is judged by this part of the mass matrix's largest entry
@@ -288,7 +289,7 @@ def test_kinetic_energy_is_that_of_the_state(n: int, seed: int, base: str) -> No
     coordinates, rates = random_posture(mechanism, rng), random_rates(mechanism, rng)
     matrix = equations_of_motion(mechanism, coordinates, rates).mass_matrix
     state = mechanism.state(coordinates, rates)
-    energy = pin.computeKineticEnergy(mechanism.model, mechanism.data, state.q, state.v)
+    energy = pin.computeKineticEnergy(mechanism.model, make_data(mechanism.model), state.q, state.v)
     speeds = np.array(list(rates.values()))
     np.testing.assert_array_equal(matrix, matrix.T)
     assert np.linalg.eigvalsh(matrix)[0] > 0.0
@@ -403,7 +404,7 @@ def test_accelerations_of_all_forms_and_of_the_simulator_agree(base: str, n: int
     table = random_scene(n, base, tips=tips)
     applied = FORCES | ({"M_phi0": 2.0, "F_x": 4.0, "F_y": -7.0} if base == "ski" else {})
     mechanism = built(table | {"forces": [{"on": name, "law": value} for name, value in applied.items()]})
-    dynamics = Dynamics(mechanism)
+    workspace = make_system(mechanism, gain=0.0).workspace()
     rng = np.random.default_rng(18)
     for _ in range(10 if n < 20 else 3):
         coordinates = random_posture(mechanism, rng)
@@ -414,8 +415,8 @@ def test_accelerations_of_all_forms_and_of_the_simulator_agree(base: str, n: int
         solution = full.solve(applied)
         accelerations = dict(zip(full.names, solution.accelerations, strict=True))
         state = mechanism.state(coordinates, rates)
-        dynamics.reference = list(coordinates.values())
-        evaluation = dynamics.evaluate(0.0, dynamics.pack(state))
+        workspace.branch = list(coordinates.values())
+        evaluation = workspace.evaluate(0.0, workspace.pack(state))
         simulated = coordinate_accelerations(mechanism, coordinates, state, evaluation.vdot)
         assert_close([simulated[name] for name in full.names], solution.accelerations, tolerance)
         if base == "pivot":
@@ -437,8 +438,8 @@ def test_trees_move_as_in_the_simulator() -> None:
     coordinates = random_posture(mechanism, rng)
     rates = random_rates(mechanism, rng, coordinates)
     eom = equations_of_motion(mechanism, coordinates, rates)
-    state, dynamics = mechanism.state(coordinates, rates), Dynamics(mechanism)
-    simulated = coordinate_accelerations(mechanism, coordinates, state, dynamics.evaluate(0.0, dynamics.pack(state)).vdot)
+    state, workspace = mechanism.state(coordinates, rates), make_system(mechanism, gain=0.0).workspace()
+    simulated = coordinate_accelerations(mechanism, coordinates, state, workspace.evaluate(0.0, workspace.pack(state)).vdot)
     assert_close(eom.solve().accelerations, [simulated[name] for name in eom.names], 1e-11)
 
 
@@ -468,8 +469,8 @@ def test_known_acceleration_of_a_prescribed_segment_gives_its_force() -> None:
     coordinates["xi1_1"], rates["xi1_1_dot"] = 0.3 + 0.05 * math.sin(6 * t) + 0.02 * t, 0.3 * math.cos(6 * t) + 0.02
     eom = equations_of_motion(mechanism, coordinates, rates)
     solution = eom.solve(known={"xi1_1": -1.8 * math.sin(6 * t)})
-    dynamics = Dynamics(mechanism)
-    evaluation = dynamics.evaluate(t, dynamics.pack(mechanism.state(coordinates, rates)))
+    workspace = make_system(mechanism, gain=0.0).workspace()
+    evaluation = workspace.evaluate(t, workspace.pack(mechanism.state(coordinates, rates)))
     assert solution.accelerations[eom.names.index("xi1_1")] == -1.8 * math.sin(6 * t)
     assert solution.forces == {"F1_1": pytest.approx(evaluation.controls["F1_1"], rel=1e-11)}
     assert solution.knife_edge == pytest.approx(evaluation.knife_edge, rel=1e-11)

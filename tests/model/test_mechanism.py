@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import vlmb
 import vlmb.model.mechanism
 from tests.small_scenes import BENT, FIXED, FLYING, PIVOT, SKI, TIGHT, Table, bent, link, random_state, scene, table
+from vlmb.model.memory import make_data
 from vlmb.simulation.simulate import check
 
 BARE = {"tip_mass": None, "upper": None}
@@ -102,7 +103,7 @@ TREE = [
 
 
 def mass_matrix_by_rnea(mechanism: vlmb.Mechanism, q: np.ndarray) -> np.ndarray:
-    model, data, zero = mechanism.model, mechanism.data, np.zeros(mechanism.model.nv)
+    model, data, zero = mechanism.model, make_data(mechanism.model), np.zeros(mechanism.model.nv)
     bias = pin.rnea(model, data, q, zero, zero).copy()
     return np.column_stack([pin.rnea(model, data, q, zero, unit) - bias for unit in np.eye(model.nv)])
 
@@ -111,12 +112,12 @@ def mass_matrix_by_rnea(mechanism: vlmb.Mechanism, q: np.ndarray) -> np.ndarray:
 def test_any_order_in_the_file_gives_depth_first_joints(order: tuple[int, ...]) -> None:
     mechanism = vlmb.build(scene(SKI, [TREE[k] for k in order]))
     model = mechanism.model
-    assert model.check(mechanism.data)
+    assert model.check(make_data(mechanism.model))
     for joint in range(1, model.njoints):  # a subtree is one run of joints: what crba relies on
         below = sorted(k for k in range(1, model.njoints) if joint in list(model.supports[k]))
         assert below == list(range(joint, joint + len(below)))
     state = random_state(mechanism, 3)
-    crba = np.array(pin.crba(model, mechanism.data, state.q, pin.Convention.WORLD))
+    crba = np.array(pin.crba(model, make_data(mechanism.model), state.q, pin.Convention.WORLD))
     crba = np.triu(crba) + np.triu(crba, 1).T
     reference = mass_matrix_by_rnea(mechanism, state.q)
     np.testing.assert_allclose(crba, reference, rtol=0, atol=1e-13 * np.abs(reference).max())
@@ -127,7 +128,7 @@ def test_crba_fills_the_whole_symmetric_matrix() -> None:
     """The engine reads columns of data.M directly, both triangles."""
     mechanism = vlmb.build(scene(SKI, TREE))
     state = random_state(mechanism, 5)
-    mass = np.array(pin.crba(mechanism.model, mechanism.data, state.q, pin.Convention.WORLD))
+    mass = np.array(pin.crba(mechanism.model, make_data(mechanism.model), state.q, pin.Convention.WORLD))
     assert np.array_equal(mass, mass.T)
 
 
@@ -146,7 +147,7 @@ def test_the_order_in_the_file_names_the_coordinates() -> None:
 @pytest.mark.parametrize("n", [60])
 def test_long_chains_are_built_without_recursion(n: int) -> None:
     mechanism = vlmb.build(scene(PIVOT, n))
-    assert mechanism.model.check(mechanism.data)
+    assert mechanism.model.check(make_data(mechanism.model))
     assert len(mechanism.coordinate_names) == 4 * n
 
 
@@ -303,7 +304,7 @@ def test_links_never_spin(name: str) -> None:
 
 
 def test_a_model_that_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vlmb.model.mechanism, "_available_memory", lambda: 2**20)
+    monkeypatch.setattr(vlmb.model.memory, "_available_memory", lambda: 2**20)
     monkeypatch.setattr(vlmb.model.mechanism.pin, "Data", lambda model: pytest.fail("Data was allocated"))
     with pytest.raises(vlmb.VlmbError, match=r"50 velocities need about 0\.0 GiB.*use fewer links"):
         vlmb.build(scene(PIVOT, 10))
@@ -311,14 +312,14 @@ def test_a_model_that_does_not_fit_is_refused_before_it_is_made(monkeypatch: pyt
 
 @pytest.mark.parametrize("available", [0, 2**40])
 def test_a_model_that_fits_or_cannot_be_judged_is_made(available: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vlmb.model.mechanism, "_available_memory", lambda: available)
+    monkeypatch.setattr(vlmb.model.memory, "_available_memory", lambda: available)
     assert vlmb.build(scene(PIVOT, 3)).model.nv == 15
 
 
 def test_memory_of_this_machine_is_known_or_zero() -> None:
-    assert vlmb.model.mechanism._available_memory() >= 0
-    assert vlmb.model.mechanism.data_bytes(250) == pytest.approx(0.5e9, rel=0.01)
-    assert vlmb.model.mechanism.data_bytes(500) == pytest.approx(4e9, rel=0.01)
+    assert vlmb.model.memory._available_memory() >= 0
+    assert vlmb.model.memory.data_bytes(250) == pytest.approx(0.5e9, rel=0.01)
+    assert vlmb.model.memory.data_bytes(500) == pytest.approx(4e9, rel=0.01)
 
 
 # State and coordinates -----------------------------------------------------------------------------------------------

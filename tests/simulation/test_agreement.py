@@ -11,6 +11,7 @@ import pytest
 import vlmb
 from tests.reference import exact
 from tests.reference.witness import Witness
+from vlmb.model.memory import make_data
 
 RUN = {"rtol": 1e-11, "atol": 1e-12, "fall": False}
 FREE = {"limits": [-math.inf, math.inf]}  # the witness knows no limits
@@ -247,7 +248,7 @@ def vertical_momentum(trajectory: vlmb.Trajectory) -> np.ndarray:
     """Angular momentum about the vertical of a one-link pivoted chain without tip mass: J cos^2(psi) phidot, from directions."""
     import pinocchio as pin
 
-    model, data = trajectory.mechanism.model, trajectory.mechanism.data
+    model, data = trajectory.mechanism.model, make_data(trajectory.mechanism.model)
     found = []
     for q, v in zip(trajectory.q, trajectory.v, strict=True):
         momentum = pin.computeCentroidalMomentum(model, data, q, v)

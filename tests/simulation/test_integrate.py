@@ -78,19 +78,19 @@ def test_the_integrator_of_pinocchio_alone_would_be_of_order_two() -> None:
     """The counterpart: naive rk4 through pin.integrate loses its order on a ball joint; ours does not."""
     import pinocchio as pin
 
-    from vlmb.system.dynamics import Dynamics
     from vlmb.system.start import consistent_start
+    from vlmb.system.system import make_system
 
     mechanism = vlmb.build(SPINNING)
-    model, dynamics, seconds = mechanism.model, Dynamics(mechanism), 0.4
-    start = consistent_start(mechanism).state
+    model, workspace, seconds = mechanism.model, make_system(mechanism).workspace(), 0.4
+    start = consistent_start(make_system(mechanism)).state
     exact = state_at_end(SPINNING, seconds, method="dop853", rtol=1e-13, atol=1e-13)[-model.nv :]
 
     def naive(count: int) -> Array:
         q, v, h = start.q, start.v, seconds / count
 
         def acceleration(q: Array, v: Array) -> Array:
-            return dynamics.rhs(0.0, np.concatenate([q, v]))[model.nq :].copy()
+            return workspace.rhs(0.0, np.concatenate([q, v]))[model.nq :].copy()
 
         for _ in range(count):
             k1 = acceleration(q, v)

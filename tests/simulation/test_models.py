@@ -117,8 +117,8 @@ def evaluations(trajectory: vlmb.Trajectory, most: int) -> None:
 @key
 def repairs(trajectory: vlmb.Trajectory, words: list[str]) -> None:
     """Words of each value that the start fills in for the equations, and of each error it leaves."""
-    assert len(trajectory.repairs) == len(words), trajectory.repairs
-    for word, repair in zip(words, trajectory.repairs, strict=True):
+    assert len(trajectory.adjustments) == len(words), trajectory.adjustments
+    for word, repair in zip(words, trajectory.adjustments, strict=True):
         assert word in repair
 
 

@@ -26,6 +26,7 @@ from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, bent, link,
 from vlmb.simulation.integrate import METHODS
 from vlmb.simulation.simulate import check, run_options
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 ADAPTIVE = [name for name, method in METHODS.items() if method.adaptive]
 
@@ -122,13 +123,13 @@ def test_angles_are_unwrapped_over_many_turns() -> None:
 
 
 def test_what_is_not_given_has_the_values_the_docs_say() -> None:
-    start = consistent_start(vlmb.build(scene(SKI, 2)))
+    start = consistent_start(make_system(vlmb.build(scene(SKI, 2))))
     assert start.coordinates == {
         "x": 0.0, "y": 0.0, "phi0": 0.0, "phi1": 0.0, "psi1": math.pi / 2, "xi1_1": 0.3, "xi1_2": 0.2,
         "phi2": 0.0, "psi2": math.pi / 2, "xi2_1": 0.3, "xi2_2": 0.2,
     }  # fmt: skip
     assert set(start.rates.values()) == {0.0}
-    assert start.repairs == ()
+    assert start.adjustments == ()
 
 
 SPEEDS: dict[str, tuple[dict[str, float], float]] = {
@@ -148,12 +149,12 @@ def test_the_ski_starts_along_itself(case: str) -> None:
     assert trajectory["speed"][0] == pytest.approx(speed, abs=1e-14)
     assert trajectory["x_dot"][0] == pytest.approx(speed * math.cos(0.5), abs=1e-14)
     assert trajectory["y_dot"][0] == pytest.approx(speed * math.sin(0.5), abs=1e-14)
-    assert trajectory.repairs == ()
+    assert trajectory.adjustments == ()
 
 
 def test_a_sideways_start_is_repaired_and_reported() -> None:
     trajectory = vlmb.simulate(scene(SKI, [], start={"phi0": 0.5, "x_dot": 3.0, "y_dot": 0.0}), duration=0.1)
-    (repair,) = trajectory.repairs
+    (repair,) = trajectory.adjustments
     assert "sideways velocity -1.43828 m/s" in repair
     assert trajectory["speed"][0] == pytest.approx(3.0 * math.cos(0.5), rel=1e-14)
     assert repair in trajectory.summary()
@@ -800,9 +801,9 @@ def test_a_file_carries_the_whole_run(skier: vlmb.Trajectory, tmp_path: Path) ->
     loaded = vlmb.load_trajectory(path)
     assert loaded.scene == skier.scene
     assert loaded.run == skier.run
-    for name in ("t", "q", "v", "work", "asked", "reference"):
+    for name in ("t", "q", "v", "work", "inputs", "branch"):
         assert np.array_equal(getattr(loaded, name), getattr(skier, name)), name
-    assert (loaded.status, loaded.message, loaded.repairs) == (skier.status, skier.message, skier.repairs)
+    assert (loaded.status, loaded.message, loaded.adjustments) == (skier.status, skier.message, skier.adjustments)
     assert loaded.stats == skier.stats
     assert loaded.versions == skier.versions
     assert set(loaded.versions) == {"vlmb", "pinocchio", "numpy", "scipy", "python"}
@@ -1054,7 +1055,7 @@ def test_a_pole_of_a_law_ends_with_a_sentence(method: str) -> None:
 def test_a_control_that_rests_at_first_is_asked_again() -> None:
     made = scene(PIVOT, [link("a")], start={"psi1": 0.3})
 
-    def late(t: float, view: vlmb.system.forces.View) -> dict[str, float]:
+    def late(t: float, view: vlmb.system.forces.StateView) -> dict[str, float]:
         return {"M_psi1": 4.0} if t > 0.1 else {}
 
     stopped = vlmb.simulate(made, duration=0.3, control=late)

@@ -17,10 +17,10 @@ import vlmb
 from tests.reference.witness import Witness
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, TIGHT, link, scene, table
 from vlmb.scene.expressions import evaluate, parse
-from vlmb.system.constraints import Rows
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.constraints import ConstraintSet
 from vlmb.system.frames import LinkFrames
 from vlmb.system.observables import allowed_names
+from vlmb.system.system import make_system
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 POINTS = ("hinge", "rod_start", "rod_end", "tip")
@@ -47,19 +47,20 @@ MECHANISMS = {
 
 
 class Posture(NamedTuple):
-    """A mechanism in a random state away from poles; angles are read near `reference`, some full turns off."""
+    """A mechanism in a random state away from poles; angles are read near `branch`, some full turns off."""
 
     mechanism: vlmb.Mechanism
-    rows: Rows
+    rows: ConstraintSet
+    frames: LinkFrames
     q: Array
     v: Array
-    reference: list[float]
-    values: dict[str, float]  # of every coordinate, on the branch of `reference`
+    branch: list[float]
+    values: dict[str, float]  # of every coordinate, on that branch
 
     def at(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """z, z', W and drift."""
-        pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD)
-        return tuple(np.array(part) for part in self.rows.evaluate(t, q, v, self.reference))
+        self.frames.update(q)
+        return tuple(np.array(part) for part in self.rows.evaluate(self.frames, t, q, v, self.branch))
 
     def along(self, s: float) -> Array:
         """Configuration after s seconds at constant v: a motion with vdot = 0."""
@@ -75,8 +76,8 @@ def posture(mechanism: vlmb.Mechanism, texts: list[str], ideal: bool, seed: int)
         branch[name] = values[name] + math.tau * int(random.integers(-3, 4)) * turns
     q, _ = mechanism.state(values)
     v = random.normal(size=mechanism.model.nv)
-    rows = Rows(mechanism, LinkFrames(mechanism), [(text, f"row[{k}]", ideal) for k, text in enumerate(texts)])
-    return Posture(mechanism, rows, q, v, list(branch.values()), branch)
+    rows = ConstraintSet(mechanism, [(text, f"row[{k}]", ideal) for k, text in enumerate(texts)])
+    return Posture(mechanism, rows, LinkFrames(mechanism), q, v, list(branch.values()), branch)
 
 
 def slope(function: Callable[[float], Array], step: float = 5e-4) -> Array:
@@ -184,7 +185,7 @@ def test_full_turns_at_the_start_are_no_error(turns: int) -> None:
     programme = {"constraints": ["phi1 = 0.4", "psi1 = 0.6"], "controls": ["M_phi1", "M_psi1"], "frequency": 5.0}
     start = {"phi1": 0.4 + math.tau * turns, "psi1": 0.6 - math.tau * turns}
     trajectory = vlmb.simulate(scene(PIVOT, [link_], programme=programme, start=start), duration=0.5)
-    assert trajectory.repairs == ()
+    assert trajectory.adjustments == ()
     assert np.abs(trajectory.residuals["phi1 = 0.4"].position).max() < 1e-10
     assert np.ptp(trajectory["phi1"]) < 1e-10 and trajectory["phi1"][0] == pytest.approx(start["phi1"])
 
@@ -281,7 +282,7 @@ def complete(entry: dict[str, Any]) -> tuple[dict[str, Any], vlmb.Trajectory]:
     times = np.linspace(0.0, 1.2, 49)
     trajectory = vlmb.simulate(vlmb.Scene.from_dict(entry), duration=1.2, t_eval=times)
     assert trajectory.status == "finished", trajectory.message
-    assert not any("given" in repair for repair in trajectory.repairs)
+    assert not any("given" in repair for repair in trajectory.adjustments)
     names = trajectory.mechanism.coordinate_names
     start = {name: float(trajectory[name][0]) for name in (*names, *(f"{name}_dot" for name in names))}
     return {**entry, "start": {**start, **entry["start"]}}, trajectory
@@ -374,18 +375,18 @@ def test_summary_names_every_constraint(base: dict[str, Any]) -> None:
 def test_errors_of_ideal_rows_decay_as_prescribed(text: str, gain: float) -> None:
     """z'' + 2 g z' + g^2 z = 0, z'' + g z' = 0 for a velocity row, whatever the motion does."""
     mechanism = vlmb.build(scene(SKI, [link("a")], constraints=[text], slope=0.2))
-    dynamics = Dynamics(mechanism, gain=gain)
+    workspace = make_system(mechanism, gain=gain).workspace()
     state = mechanism.state(
         {"x": 0.0, "y": 0.0, "phi0": 0.2, "phi1": 0.5, "psi1": 0.9, "xi1_1": 0.32, "xi1_2": 0.2},
         {"x_dot": math.cos(0.2), "y_dot": math.sin(0.2), "phi0_dot": 0.4, "phi1_dot": 0.9, "psi1_dot": -0.3, "xi1_1_dot": 0.1},
     )
-    times, y = np.linspace(0.0, 0.8, 9), dynamics.pack(state)
-    pairs = [dynamics.evaluate(0.0, y).residuals[text]]
+    times, y = np.linspace(0.0, 0.8, 9), workspace.pack(state)
+    pairs = [workspace.evaluate(0.0, y).residuals[text]]
     for begin, end in pairwise(times):
-        y = solve_ivp(lambda t, y: dynamics.rhs(t, y).copy(), (begin, end), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-        pairs.append(dynamics.evaluate(end, y).residuals[text])
+        y = solve_ivp(lambda t, y: workspace.rhs(t, y).copy(), (begin, end), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+        pairs.append(workspace.evaluate(end, y).residuals[text])
     z, rate = np.array(pairs).T
-    if dynamics.is_holonomic(text):
+    if workspace.system.is_holonomic(text):
         assert abs(z[0]) > 0.05 and abs(rate[0]) > 0.05
         decay = np.exp(-gain * times)
         np.testing.assert_allclose(z, decay * (z[0] + (rate[0] + gain * z[0]) * times), rtol=0, atol=1e-9)

@@ -13,13 +13,14 @@ from scipy.integrate import simpson
 import vlmb
 from tests.small_scenes import ANY_LENGTH, BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, link, random_state, scene
 from vlmb.model.coordinates import kinematics
+from vlmb.model.memory import make_data
 from vlmb.model.names import generalized_forces
 from vlmb.simulation.simulate import check
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.forces import column
 from vlmb.system.frames import LinkFrames
 from vlmb.system.springs import FADE
+from vlmb.system.system import make_system
 
 TREE = [
     link("legs", parent="base"),
@@ -64,7 +65,7 @@ def test_work_of_every_generalized_force(name: str) -> None:
         after, before = (mechanism.coordinates((q, state.v), now) for q in (ahead, behind))
         reference = [now[each] for each in layout.names]
         frames, tau = LinkFrames(mechanism), np.zeros(layout.nv)
-        pin.crba(model, mechanism.data, state.q, pin.Convention.WORLD)
+        frames.update(state.q)
         for channel in generalized_forces(layout).values():
             column(channel, frames, reference, tau)
             if channel.kind != "hinge":
@@ -107,11 +108,11 @@ def test_dense_and_recursive_routes_agree(base: dict[str, Any], links: int, plan
     mechanism = vlmb.build(scene(base, links, plane=plane, slope=0.1))
     for seed in range(3):
         state = random_state(mechanism, seed, sideways=False)
-        dense, recursive = (Dynamics(mechanism, route=route) for route in ("dense", "recursive"))
+        dense, recursive = (make_system(mechanism, route=route).workspace() for route in ("dense", "recursive"))
         y = dense.pack(state)
         first, second = dense.rhs(0.0, y).copy(), recursive.rhs(0.0, y).copy()
         np.testing.assert_allclose(second, first, rtol=0, atol=1e-10 * np.abs(first).max())
-        residual = pin.rnea(mechanism.model, mechanism.data, state.q, state.v, first[mechanism.model.nq :])
+        residual = pin.rnea(mechanism.model, make_data(mechanism.model), state.q, state.v, first[mechanism.model.nq :])
         tau = np.zeros(mechanism.model.nv)
         for one, at in zip(mechanism.scene.links, mechanism.layout.links, strict=True):
             for segment, place in ((one.lower, at.lower), (one.upper, at.upper)):
@@ -128,11 +129,11 @@ def test_routes_agree_on_dampers_and_what_they_take(base: dict[str, Any], links:
     legs = {"length": 0.3, "rest": 0.25, "stiffness": 900.0, "damping": 40.0, "limits": ANY_LENGTH}
     chain = [link(f"link{i + 1}", lower=legs, upper=legs | {"damping": 5.0 * i}) for i in range(links)]
     mechanism = vlmb.build(scene(base, chain, slope=0.1))
-    assert Dynamics(mechanism).route == "recursive"
+    assert make_system(mechanism).workspace().route == "recursive"
     for seed in range(3):
         state = random_state(mechanism, seed, sideways=False)
-        made = [Dynamics(mechanism, route=route) for route in ("dense", "recursive")]
-        first, second = (dynamics.rhs(0.0, dynamics.pack(state)).copy() for dynamics in made)
+        made = [make_system(mechanism, route=route).workspace() for route in ("dense", "recursive")]
+        first, second = (workspace.rhs(0.0, workspace.pack(state)).copy() for workspace in made)
         np.testing.assert_allclose(second, first, rtol=0, atol=1e-11 * np.abs(first).max())
         rates = mechanism.coordinates(state)
         lost = sum(40.0 * rates[f"xi{i + 1}_1_dot"] ** 2 + 5.0 * i * rates[f"xi{i + 1}_2_dot"] ** 2 for i in range(links))
@@ -178,8 +179,8 @@ def test_knife_edge_forms_agree(name: str) -> None:
         assert abs(state.v[SIDEWAYS]) < 1e-15
         found = {}
         for form in ("reduction", "multiplier", "projection"):
-            dynamics = Dynamics(mechanism, form, gain=4.0)
-            now = dynamics.evaluate(0.3, dynamics.pack(state))
+            workspace = make_system(mechanism, knife_edge=form, gain=4.0).workspace()
+            now = workspace.evaluate(0.3, workspace.pack(state))
             found[form] = now
             assert abs(now.vdot[SIDEWAYS]) < 1e-10
         scale = np.abs(found["reduction"].vdot).max()
@@ -211,8 +212,8 @@ def test_the_multiplier_takes_out_a_slip() -> None:
     """With a Baumgarte gain a the sideways velocity decays as exp(-a t)."""
     mechanism = vlmb.build(scene(SKI, 1))
     state = random_state(mechanism, 1)
-    dynamics = Dynamics(mechanism, "multiplier", gain=4.0)
-    rate = dynamics.rhs(0.0, dynamics.pack(state))[dynamics.nq + SIDEWAYS]
+    workspace = make_system(mechanism, knife_edge="multiplier", gain=4.0).workspace()
+    rate = workspace.rhs(0.0, workspace.pack(state))[workspace.nq + SIDEWAYS]
     assert rate == pytest.approx(-4.0 * state.v[SIDEWAYS], rel=1e-12)
 
 
@@ -221,16 +222,16 @@ def test_the_multiplier_takes_out_a_slip() -> None:
 def test_the_field_off_the_sphere(name: str, route: str) -> None:
     """A quaternion's or heading's norm changes no acceleration, and multiplies its own rates: what keeps full order."""
     mechanism = vlmb.build(LAYOUTS[name])
-    layout, dynamics = mechanism.layout, Dynamics(mechanism, route=route)
+    layout, workspace = mechanism.layout, make_system(mechanism, route=route).workspace()
     state = random_state(mechanism, 7, sideways=False)
-    y = dynamics.pack(state)
-    expected, longer = dynamics.rhs(0.0, y).copy(), y.copy()
+    y = workspace.pack(state)
+    expected, longer = workspace.rhs(0.0, y).copy(), y.copy()
     blocks = [slice(entry.q, entry.q + 4) for entry in layout.links if not layout.plane]
     blocks += [slice(2, 4)] if layout.base == "ski" else []
     for k, block in enumerate(blocks):
         longer[block] *= 1.1 + 0.2 * k
         expected[block] *= 1.1 + 0.2 * k
-    found = dynamics.rhs(0.0, longer)
+    found = workspace.rhs(0.0, longer)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
@@ -239,7 +240,7 @@ def test_the_field_off_the_sphere(name: str, route: str) -> None:
 
 def momentum(trajectory: vlmb.Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Linear momentum, and angular momentum about the centre of mass, sample by sample."""
-    model, data = trajectory.mechanism.model, trajectory.mechanism.data
+    model, data = trajectory.mechanism.model, make_data(trajectory.mechanism.model)
     found = [pin.computeCentroidalMomentum(model, data, q, v) for q, v in zip(trajectory.q, trajectory.v, strict=True)]
     return np.array([h.linear.copy() for h in found]), np.array([h.angular.copy() for h in found])
 

@@ -15,10 +15,11 @@ import vlmb
 from tests.reference.witness import Witness
 from tests.small_scenes import ANY_LENGTH, FIXED, FLYING, PIVOT, SKI, link, random_state, scene, table
 from vlmb.model.long_chains import LONG_CHAIN, obstacle
+from vlmb.model.memory import make_data
 from vlmb.system.bars import chain_energies
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.subchains import SubChains
+from vlmb.system.system import make_system
 
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
 
@@ -71,7 +72,7 @@ def any_link(random: np.random.Generator, name: str, held: bool) -> dict[str, An
 def both(made: vlmb.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations of the one model, solved densely, and of the sub-chains."""
     mechanism = vlmb.build(made)
-    dense = Dynamics(mechanism, route="dense")
+    dense = make_system(mechanism, route="dense").workspace()
     y = dense.pack(random_state(mechanism, seed, sideways=False))
     q, v = dense.unpack(0.0, y)
     return dense.rhs(0.0, y)[dense.nq : dense.nq + dense.nv].copy(), SubChains(mechanism).accelerations(q, v)
@@ -99,7 +100,7 @@ def test_accelerations_of_any_chain_are_those_of_the_one_model(base: dict[str, A
         made = scene(base, links, plane=plane, slope=-0.1)
         mechanism = vlmb.build(made)
         q = random_state(mechanism, seed, sideways=False).q
-        condition = Dynamics(mechanism, route="dense").faults.conditioning(q)[0]
+        condition = make_system(mechanism, route="dense").workspace().diagnostics.conditioning(q)[0]
         if condition > 1e10:
             assert SubChains(mechanism).conditioning(q)[0] > 1e-6 * min(condition, 1e16)
             continue
@@ -168,14 +169,14 @@ def test_a_massless_hinge_between_lined_up_free_segments_is_named(turn: float) -
     condition, weakest = chains.conditioning(q)
     assert condition > 1e12
     assert weakest == ["the hinge at the tip of 'link3'"]
-    assert Dynamics(mechanism, route="dense").faults.conditioning(q)[0] > 1e12
-    dynamics = Dynamics(mechanism, route="subchains")
-    assert "link3" in str(dynamics.faults.singular(q))
+    assert make_system(mechanism, route="dense").workspace().diagnostics.conditioning(q)[0] > 1e12
+    workspace = make_system(mechanism, route="subchains").workspace()
+    assert "link3" in str(workspace.diagnostics.singular(q))
     if not turn:
         at = mechanism.layout.links[3].q
         q[at : at + 4] = 0.0, 0.0, 0.0, 1.0
         with pytest.raises(vlmb.SingularError, match="give 'link3' a tip_mass"):
-            dynamics.rhs(0.0, np.concatenate([q, v]))
+            workspace.rhs(0.0, np.concatenate([q, v]))
 
 
 @pytest.mark.parametrize("rigid", [False, True])
@@ -183,14 +184,14 @@ def test_what_is_not_finite_is_told_and_leaves_nothing_behind(rigid: bool) -> No
     links = [link(f"link{i + 1}", **({"lower": FIXED, "upper": FIXED} if rigid else {})) for i in range(4)]
     mechanism = vlmb.build(scene(PIVOT, links))
     q, v = random_state(mechanism)
-    dynamics = Dynamics(mechanism, route="subchains")
+    workspace = make_system(mechanism, route="subchains").workspace()
     y = np.concatenate([q, v])
-    before = dynamics.rhs(0.0, y).copy()
+    before = workspace.rhs(0.0, y).copy()
     with np.errstate(all="ignore"), pytest.raises(vlmb.VlmbError, match="finite"):
-        dynamics.rhs(0.0, np.concatenate([q, np.full_like(v, np.nan)]))
+        workspace.rhs(0.0, np.concatenate([q, np.full_like(v, np.nan)]))
     with np.errstate(all="ignore"), pytest.raises(vlmb.VlmbError):
-        dynamics.rhs(0.0, np.concatenate([np.full_like(q, np.nan), v]))
-    np.testing.assert_array_equal(dynamics.rhs(0.0, y), before)
+        workspace.rhs(0.0, np.concatenate([np.full_like(q, np.nan), v]))
+    np.testing.assert_array_equal(workspace.rhs(0.0, y), before)
 
 
 def test_a_motion_agrees_with_mass_points_and_keeps_its_energy() -> None:
@@ -229,7 +230,7 @@ def test_energies_of_points_are_those_of_the_model(base: dict[str, Any]) -> None
     states = [random_state(mechanism, seed) for seed in range(3)]
     q, v = np.array([s.q for s in states]), np.array([s.v for s in states])
     kinetic, potential = chain_energies(mechanism, q, v)
-    model, data = mechanism.model, mechanism.data
+    model, data = mechanism.model, make_data(mechanism.model)
     for i in range(3):
         assert kinetic[i] == pytest.approx(pin.computeKineticEnergy(model, data, q[i], v[i]), rel=1e-12)
         assert potential[i] == pytest.approx(pin.computePotentialEnergy(model, data, q[i]), rel=1e-12)
@@ -263,7 +264,7 @@ def test_controls_and_other_forms_of_the_knife_edge_are_refused() -> None:
 
 def test_a_chain_whose_one_model_does_not_fit_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 3 * LONG_CHAIN
-    monkeypatch.setattr(vlmb.model.mechanism, "_available_memory", lambda: 2**26)
+    monkeypatch.setattr(vlmb.model.memory, "_available_memory", lambda: 2**26)
     start = {f"psi{i + 1}": -1.0 - 0.01 * i for i in range(count)}
     made = scene(PIVOT, count, start=start)
     trajectory = vlmb.simulate(made, duration=0.01, t_eval=[0.0, 0.01], rtol=1e-9, atol=1e-11)
@@ -271,7 +272,7 @@ def test_a_chain_whose_one_model_does_not_fit_runs(monkeypatch: pytest.MonkeyPat
     assert trajectory.stats["route"] == "subchains"
     assert np.abs(trajectory["balance"]).max() < 1e-6 * trajectory["kinetic"].max()
     with pytest.raises(vlmb.VlmbError, match="GiB are free"):
-        _ = trajectory.mechanism.data
+        _ = make_data(trajectory.mechanism.model)
     with pytest.raises(vlmb.VlmbError, match="GiB are free"):
         vlmb.build(scene(PIVOT, count, forces=[{"on": "M_psi1", "law": 1.0}]))
 

@@ -18,9 +18,9 @@ import vlmb
 from tests.reference import skier_reference
 from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, link, scene
 from vlmb.simulation.simulate import check
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.gains import gain_matrices, largest_stable_step, perturbation_matrix
 from vlmb.system.programme import ProgrammeControl, cross
+from vlmb.system.system import Workspace, make_system
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Table = dict[str, Any]
@@ -44,7 +44,7 @@ def skier(
     return {**table, "programme": servo, **(keys or {})}
 
 
-def held(table: Table) -> tuple[Dynamics, Array]:
+def held(table: Table) -> tuple[Workspace, Array]:
     """The dynamics of a scene, and the state that its start gives as it is."""
     checked = vlmb.Scene.from_dict(table)
     mechanism = vlmb.build(checked)
@@ -54,14 +54,13 @@ def held(table: Table) -> tuple[Dynamics, Array]:
         rates |= {"x_dot": values["speed"] * math.cos(values["phi0"]), "y_dot": values["speed"] * math.sin(values["phi0"])}
     coordinates = {name: values[name] for name in mechanism.coordinate_names}
     state = mechanism.state(coordinates, rates)
-    dynamics = Dynamics(mechanism, gain=checked.run.gain, start=state, run=checked.run)
-    dynamics.reference = list(coordinates.values())
-    return dynamics, dynamics.pack(state)
+    workspace = make_system(mechanism).workspace(branch=list(coordinates.values()))
+    return workspace, workspace.pack(state)
 
 
-def programme_of(dynamics: Dynamics) -> ProgrammeControl:
-    assert dynamics.system.programme is not None
-    return dynamics.system.programme
+def programme_of(workspace: Workspace) -> ProgrammeControl:
+    assert workspace.solver.programme is not None
+    return workspace.solver.programme
 
 
 # ---- the errors obey (5.5)
@@ -95,9 +94,9 @@ def test_errors_decay_as_the_matrix_exponential(name: str) -> None:
     pairs = [trajectory.residuals[text] for text in trajectory.scene.programme.constraints]
     z = [pair.position for pair in pairs if pair.position is not None]
     found = np.array([*z, *(pair.velocity for pair in pairs)]).T
-    dynamics, _ = held(DECAYS[name])
-    programme = programme_of(dynamics)
-    matrix = perturbation_matrix(programme.h, programme.k, programme.holonomic.tolist())
+    workspace, _ = held(DECAYS[name])
+    programme = programme_of(workspace)
+    matrix = perturbation_matrix(programme.plan.h, programme.plan.k, programme.plan.holonomic.tolist())
     size = np.linalg.norm(found[0])
     assert size > 0.05
     for t, errors in zip(trajectory.t, found, strict=True):
@@ -117,9 +116,9 @@ def test_automatic_gains_follow_the_motion_and_the_step() -> None:
     table = skier(ROWS[1:], gains="auto")
     programme = programme_of(held(table)[0])
     rate = 3.0 * math.sqrt(9.81 / (0.3 + 0.5 + 0.2))
-    np.testing.assert_allclose(programme.h, -(rate**2) * np.eye(3), rtol=1e-12)
+    np.testing.assert_allclose(programme.plan.h, -(rate**2) * np.eye(3), rtol=1e-12)
     slow = programme_of(held({**table, "run": {"method": "euler", "step": 0.1}})[0])
-    np.testing.assert_allclose(slow.h, -25.0 * np.eye(3), rtol=1e-12)
+    np.testing.assert_allclose(slow.plan.h, -25.0 * np.eye(3), rtol=1e-12)
     run = {"method": "euler", "step": 0.002, "fall": False}
     trajectory = vlmb.simulate(vlmb.Scene.from_dict({**table, "run": run}), duration=2.0)
     assert trajectory.status == "finished", trajectory.message
@@ -178,7 +177,7 @@ def test_an_existing_motion_needs_no_control_conical_pendulum() -> None:
     table = {"base": PIVOT, "links": [bob], "parameters": {"w": rate, "r": r, "tilt": theta - math.pi / 2}, "programme": servo}
     start = {"psi1": theta - math.pi / 2, "phi1_dot": rate, "xi1_1": r}
     trajectory = vlmb.simulate(vlmb.Scene.from_dict({**table, "start": start, "run": TIGHT}), duration=6.0)
-    assert trajectory.status == "finished" and trajectory.repairs == ()
+    assert trajectory.status == "finished" and trajectory.adjustments == ()
     assert trajectory["phi1"][-1] == pytest.approx(6.0 * rate, abs=1e-8)
     for name in servo["controls"]:
         assert np.abs(trajectory.controls[name]).max() < 1e-7, name
@@ -197,8 +196,8 @@ def shaped(rows: int, controls: int) -> st.SearchStrategy[Array]:
 @pytest.fixture(scope="module")
 def paper() -> ProgrammeControl:
     """Three controls for two rows, of two units and one weight given."""
-    dynamics, _ = held(skier(ROWS[:2], ["M_phi0", "M_psi1", "F1_1"], weights={"M_psi1": 0.04}))
-    return programme_of(dynamics)
+    workspace, _ = held(skier(ROWS[:2], ["M_phi0", "M_psi1", "F1_1"], weights={"M_psi1": 0.04}))
+    return programme_of(workspace)
 
 
 @settings(max_examples=200, deadline=None)
@@ -238,7 +237,7 @@ def test_the_free_scalar_leaves_the_programme_alone() -> None:
     plain, pushed = (skier(ROWS[:3:2], controls, **free) for free in ({}, {"u0": "3*cos(t)"}))
     (first, y), (second, _) = held(plain), held(pushed)
     without, within = (one.evaluate(0.4, y) for one in (first, second))
-    physical = programme_of(second).effect / programme_of(second).scales
+    physical = programme_of(second).control_matrix / programme_of(second).scales
     extra = [within.controls[name] - without.controls[name] for name in controls]
     np.testing.assert_allclose(extra, 3.0 * math.cos(0.4) * np.cross(*physical), rtol=1e-9)
     assert np.linalg.norm(extra) > 1e-3
@@ -251,10 +250,10 @@ def test_the_free_scalar_leaves_the_programme_alone() -> None:
 def test_weights_change_the_controls_by_the_formula() -> None:
     found = {}
     for name, weights in (("default", {}), ("given", {"M_phi0": 3.0, "M_phi1": 0.5, "M_psi1": 1.0, "F1_1": 20.0})):
-        dynamics, y = held(skier(ROWS[:2], weights=weights))
-        controls = dynamics.evaluate(0.0, y).controls
-        programme = programme_of(dynamics)
-        found[name] = programme.effect / programme.scales, np.array([controls[key] for key in CONTROLS]), programme.scales
+        workspace, y = held(skier(ROWS[:2], weights=weights))
+        controls = workspace.evaluate(0.0, y).controls
+        programme = programme_of(workspace)
+        found[name] = programme.control_matrix / programme.scales, np.array([controls[key] for key in CONTROLS]), programme.scales
     (g, u, scales), (again, changed, _) = found["default"], found["given"]
     np.testing.assert_allclose(again, g, rtol=1e-9, atol=1e-12)
     inverse = np.diag([1.0 / 3.0, 2.0, 1.0, 0.05])
@@ -405,10 +404,10 @@ def test_redundant_rows_that_agree_are_met() -> None:
     assert twice.status == "finished", twice.message
     for name in ("psi1", "xi1_1", "phi0"):
         np.testing.assert_allclose(twice[name], once[name], rtol=0, atol=1e-8, err_msg=name)
-    dynamics, y = held(table)
-    dynamics.rhs(0.0, y)
-    programme = programme_of(dynamics)
-    rank, condition = programme.rank(programme.effect)
+    workspace, y = held(table)
+    workspace.rhs(0.0, y)
+    programme = programme_of(workspace)
+    rank, condition = programme.rank(programme.control_matrix)
     assert rank == 2 and condition > 1e9
     assert "3 rows of rank 2" in twice.summary() and "of rank" not in once.summary()
 
@@ -517,19 +516,19 @@ def test_the_largest_stable_step_is_the_measured_one(method: str, frequency: flo
     trajectory = vlmb.simulate(below, t_eval=0.98 * limit * np.arange(301))
     z = np.abs(trajectory.residuals["phi0 = 0.2"].position)
     assert z[-20:].max() < 0.2 * z[:20].max()
-    dynamics, y = held({**table, "start": {"phi0": 0.2001, "speed": 0.0}})
+    workspace, y = held({**table, "start": {"phi0": 0.2001, "speed": 0.0}})
     step, error = 1.02 * limit, 0.0
     for _ in range(300):
-        error = abs(dynamics.evaluate(0.0, y).residuals["phi0 = 0.2"][0])
+        error = abs(workspace.evaluate(0.0, y).residuals["phi0 = 0.2"][0])
         if error > 1e-2:
             break
-        k1 = dynamics.rhs(0.0, y).copy()
+        k1 = workspace.rhs(0.0, y).copy()
         if method == "euler":
             y = y + step * k1
             continue
-        k2 = dynamics.rhs(0.0, y + 0.5 * step * k1).copy()
-        k3 = dynamics.rhs(0.0, y + 0.5 * step * k2).copy()
-        k4 = dynamics.rhs(0.0, y + step * k3).copy()
+        k2 = workspace.rhs(0.0, y + 0.5 * step * k1).copy()
+        k3 = workspace.rhs(0.0, y + 0.5 * step * k2).copy()
+        k4 = workspace.rhs(0.0, y + step * k3).copy()
         y = y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     assert error > 2e-4
 
@@ -558,8 +557,8 @@ def test_what_is_given_is_kept_and_the_rest_is_solved() -> None:
     for text in trajectory.scene.programme.constraints:
         assert np.abs(trajectory.residuals[text].position).max() < 1e-8
         assert np.abs(trajectory.residuals[text].velocity).max() < 1e-7
-    assert any("phi0" in repair for repair in trajectory.repairs)
-    assert not any("off by" in repair for repair in trajectory.repairs)
+    assert any("phi0" in repair for repair in trajectory.adjustments)
+    assert not any("off by" in repair for repair in trajectory.adjustments)
 
 
 def test_an_error_of_the_start_is_reported_and_decays() -> None:
@@ -567,7 +566,7 @@ def test_an_error_of_the_start_is_reported_and_decays() -> None:
     for name in ("phi0", "psi1", "xi1_1"):
         assert trajectory[name][0] == pytest.approx(START[name], abs=1e-12)
     for text in ROWS:
-        assert any(text in repair and "off by" in repair for repair in trajectory.repairs)
+        assert any(text in repair and "off by" in repair for repair in trajectory.adjustments)
         z = np.abs(trajectory.residuals[text].position)
         assert z[0] > 0.01 and z[-1] < 1e-4
 
@@ -575,9 +574,9 @@ def test_an_error_of_the_start_is_reported_and_decays() -> None:
 def test_stability_and_controllability_are_told_in_advance() -> None:
     """The slowest decay is that of the gains, and G has full rank away from its singular posture."""
     table = skier(ROWS[:2], ["M_phi0", "M_psi1", "F1_1"])
-    notes = check(vlmb.Scene.from_dict(table))[1].repairs
-    dynamics, _ = held(table)
-    slowest = -np.linalg.eigvals(perturbation_matrix(programme_of(dynamics).h, programme_of(dynamics).k, [True, True])).real.max()
+    notes = check(vlmb.Scene.from_dict(table))[1].adjustments
+    plan = programme_of(held(table)[0]).plan
+    slowest = -np.linalg.eigvals(perturbation_matrix(plan.h, plan.k, [True, True])).real.max()
     words = r"programme: errors decay at least as exp\(-([\d.]+) t\).*; G has rank 2 for 2 rows, condition ([\d.]+) at the start"
     said = re.fullmatch(words, notes[-1])
     assert said, notes

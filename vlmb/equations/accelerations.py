@@ -14,10 +14,11 @@ from vlmb.equations.motion import all_rates, complete_posture
 from vlmb.errors import SceneError, SingularError, finite
 from vlmb.model.coordinates import POLE, Layout
 from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.scene import Scene
-from vlmb.system.dynamics import Dynamics
 from vlmb.system.prescribed import prescribed_segments
+from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 
@@ -47,16 +48,15 @@ def accelerations(
     """
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     t = finite("t", t)
-    layout, run = mechanism.layout, mechanism.scene.run
+    layout = mechanism.layout
     posture, speeds = _with_laws(mechanism, coordinates, rates or {}, t)
     values = complete_posture(mechanism, posture)
     motion = all_rates(mechanism, values, speeds)
     _refuse_sideways(layout, values, motion)
     _refuse_pole(layout, values)
-    dynamics = Dynamics(mechanism, run.knife_edge, run.gain)
-    dynamics.reference = [values[name] for name in layout.names]
-    vdot = dynamics.rhs(t, dynamics.pack(mechanism.state(values, motion)))[dynamics.nq : dynamics.nq + dynamics.nv]
-    chart = VelocityMap(mechanism, values)
+    workspace = make_system(mechanism).workspace(branch=[values[name] for name in layout.names])
+    vdot = workspace.rhs(t, workspace.pack(mechanism.state(values, motion)))[workspace.nq : workspace.nq + workspace.nv]
+    chart = VelocityMap(mechanism, values, make_data(mechanism.model))
     products = chart.products(np.array([motion[f"{name}_dot"] for name in layout.names]))
     found = np.linalg.lstsq(chart.velocities(np.eye(len(layout.names))).T, vdot - products, rcond=None)[0]
     return dict(zip(layout.names, found.tolist(), strict=True))

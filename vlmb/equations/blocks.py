@@ -95,28 +95,28 @@ class Coefficients:
     weight: Array  # (N,) of g
 
 
-def mass_matrix(mechanism: Mechanism, chart: VelocityMap) -> Array:
+def mass_matrix(mechanism: Mechanism, chart: VelocityMap, data: Any) -> Array:
     """Mass matrix S^T M S (N, N), M by CRBA.
 
     LOCAL convention: its digits do not depend on how far from the origin the mechanism is. A ski's heading moves the ski alone,
     while CRBA would subtract the whole mechanism's inertia from itself; its row is inverse dynamics at unit acceleration.
     """
     layout = mechanism.layout
-    crba = pin.crba(mechanism.model, mechanism.data, chart.q, pin.Convention.LOCAL)
+    crba = pin.crba(mechanism.model, data, chart.q, pin.Convention.LOCAL)
     mass = chart.pull_back(chart.pull_back(crba).T)
     mass = 0.5 * (mass + mass.T)
     if layout.base == "ski":
         unit = np.zeros(len(layout.names))
         unit[layout.index["phi0"]] = 1.0
-        tau = pin.rnea(_weightless(mechanism), mechanism.data, chart.q, np.zeros(layout.nv), chart.velocities(unit))
+        tau = pin.rnea(_weightless(mechanism), data, chart.q, np.zeros(layout.nv), chart.velocities(unit))
         mass[2] = mass[:, 2] = chart.pull_back(tau)
     return mass
 
 
-def coefficients(mechanism: Mechanism, chart: VelocityMap, mass: Array) -> Coefficients:
+def coefficients(mechanism: Mechanism, chart: VelocityMap, data: Any, mass: Array) -> Coefficients:
     """Extract every velocity product and the weight at a posture whose mass matrix is known."""
     weightless = _weightless(mechanism)
-    layout, kinds, data = mechanism.layout, Kinds(mechanism.layout), mechanism.data
+    layout, kinds = mechanism.layout, Kinds(mechanism.layout)
     size, unit = len(layout.names), _unit_length(mechanism)
 
     def bias(rates: Array) -> Array:

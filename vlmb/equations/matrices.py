@@ -20,6 +20,7 @@ from vlmb.model.mechanism import build
 from vlmb.model.names import tex_of
 from vlmb.scene.scene import Scene
 from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def at_posture(
     Raises SceneError naming what cannot be read.
     """
     mechanism = build(scene)
-    start = consistent_start(mechanism)
+    start = consistent_start(make_system(mechanism))
     coordinates, rates = dict(start.coordinates), dict(start.rates)
     ski = mechanism.layout.base == "ski"
     if ski:  # the start's speed stays along the ski when the heading changes

@@ -19,10 +19,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from vlmb.equations.blocks import HEADING_PRODUCT, Blocks, Coefficients, Kinds, coefficients, mass_matrix
-from vlmb.equations.solver import Solution, System, condition_number, solve
+from vlmb.equations.solver import LinearSystem, Solution, condition_number, solve
 from vlmb.errors import SceneError, finite, nearest
 from vlmb.model.coordinates import Layout
+from vlmb.model.frozen import Remade
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
 
 Array = NDArray[np.float64]
@@ -56,7 +58,7 @@ class Form(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class EquationsOfMotion:
+class EquationsOfMotion(Remade):
     """Equations at one posture and velocity. Matrices are computed when asked for, once, and are read-only."""
 
     mechanism: Mechanism
@@ -78,7 +80,7 @@ class EquationsOfMotion:
     @cached_property
     def bias(self) -> Array:
         """Velocity products and gravity (N,) [N, N m]; no springs."""
-        chart, form, model, data = self._chart, self._reduction, self.mechanism.model, self.mechanism.data
+        chart, form, model, data = self._chart, self._reduction, self.mechanism.model, self._data
         u = self._velocities
         rates = form.rates(u)
         accelerations = chart.products(rates)
@@ -169,7 +171,11 @@ class EquationsOfMotion:
 
     @cached_property
     def _chart(self) -> VelocityMap:
-        return VelocityMap(self.mechanism, self.coordinates)
+        return VelocityMap(self.mechanism, self.coordinates, self._data)
+
+    @cached_property
+    def _data(self) -> Any:
+        return make_data(self.mechanism.model)
 
     @cached_property
     def _kinds(self) -> Kinds:
@@ -177,11 +183,11 @@ class EquationsOfMotion:
 
     @cached_property
     def _full_mass(self) -> Array:
-        return mass_matrix(self.mechanism, self._chart)
+        return mass_matrix(self.mechanism, self._chart, self._data)
 
     @cached_property
     def _coefficients(self) -> Coefficients:
-        return coefficients(self.mechanism, self._chart, self._full_mass)
+        return coefficients(self.mechanism, self._chart, self._data, self._full_mass)
 
     @cached_property
     def _reduction(self) -> Form:
@@ -205,7 +211,7 @@ class EquationsOfMotion:
         return np.concatenate([[first], rates[2:]])
 
     @cached_property
-    def _system(self) -> System:
+    def _system(self) -> LinearSystem:
         layout, full, at = self.mechanism.layout, np.diag(self._full_mass), self.mechanism.layout.index
         alike = {"speed": "x"} | {f"phi{i + 1}": f"psi{i + 1}" for i in range(len(layout.links))}
         inertias = full[[at[alike.get(name, name)] for name in self.names]]
@@ -214,7 +220,7 @@ class EquationsOfMotion:
             (cosine, sine), u, row = self._chart.heading, self._velocities, np.zeros(len(self.names))
             row[:2] = -sine, cosine
             edge = row, float(u[2] * (cosine * u[0] + sine * u[1]))
-        return System(
+        return LinearSystem(
             layout, self.names, self.mass_matrix, self.bias, self._reduction.reduce, inertias, self.coordinates, edge,
             self.mechanism.warnings,
         )  # fmt: skip

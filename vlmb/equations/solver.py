@@ -29,7 +29,7 @@ class Solution(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class LinearSystem:
     """Equations M a + h = reduce(Q) + row^T lambda, and what their names mean."""
 
     layout: Layout
@@ -51,7 +51,7 @@ def condition_number(matrix: Array) -> float:
     return float(sizes.max() / sizes.min()) if sizes.min() > 0.0 else math.inf
 
 
-def solve(system: System, forces: ArrayLike | Mapping[str, float] | None, known: Mapping[str, float]) -> Solution:
+def solve(system: LinearSystem, forces: ArrayLike | Mapping[str, float] | None, known: Mapping[str, float]) -> Solution:
     """Solve for the accelerations that are not known; see `EquationsOfMotion.solve`."""
     given = _known(system, known)
     free = np.array([at for at in range(len(system.names)) if at not in given], dtype=np.intp)
@@ -74,7 +74,7 @@ def solve(system: System, forces: ArrayLike | Mapping[str, float] | None, known:
     return Solution(accelerations, edge, kept)
 
 
-def _known(system: System, known: Mapping[str, float]) -> dict[int, float]:
+def _known(system: LinearSystem, known: Mapping[str, float]) -> dict[int, float]:
     """Positions among `names` and values of the known accelerations."""
     layout = system.layout
     allowed = [coordinate.name for coordinate in layout.coordinates if coordinate.kind not in "xyz"]
@@ -93,7 +93,7 @@ def _known(system: System, known: Mapping[str, float]) -> dict[int, float]:
     return given
 
 
-def _force_vector(system: System, forces: ArrayLike | Mapping[str, float] | None) -> Array:
+def _force_vector(system: LinearSystem, forces: ArrayLike | Mapping[str, float] | None) -> Array:
     """Generalized forces (N,) in the order of `names`."""
     layout, size = system.layout, len(system.names)
     if forces is None:
@@ -118,7 +118,7 @@ def _force_vector(system: System, forces: ArrayLike | Mapping[str, float] | None
     return vector
 
 
-def _positive_solve(system: System, matrix: Array, free: NDArray[np.intp], columns: Array) -> Array:
+def _positive_solve(system: LinearSystem, matrix: Array, free: NDArray[np.intp], columns: Array) -> Array:
     """Solve for the free coordinates (N, k) with a positive definite matrix, scaled to a unit diagonal.
 
     Refuses a motion whose inertia cannot be told from rounding. Inertias are compared with what they are away from the poles:
@@ -141,7 +141,7 @@ def _positive_solve(system: System, matrix: Array, free: NDArray[np.intp], colum
     return value
 
 
-def _singular(system: System, free: NDArray[np.intp], motion: Array) -> SingularError:
+def _singular(system: LinearSystem, free: NDArray[np.intp], motion: Array) -> SingularError:
     """Name the coordinates of a motion without inertia."""
     moving = [system.names[free[at]] for at in np.flatnonzero(motion > 0.1 * motion.max())]
     if _across(system):
@@ -153,12 +153,12 @@ def _singular(system: System, free: NDArray[np.intp], motion: Array) -> Singular
     )
 
 
-def _across(system: System) -> bool:
+def _across(system: LinearSystem) -> bool:
     """Whether the form is Chaplygin's and the ski points across x, where x does not describe its motion."""
     return "x" in system.names and "y" not in system.names and abs(math.cos(system.coordinates["phi0"])) < NEAR_POLE
 
 
-def _advice(system: System, moving: list[str]) -> str:
+def _advice(system: LinearSystem, moving: list[str]) -> str:
     """Say which pole or alignment makes the matrix singular, and what to use instead."""
     layout, at = system.layout, system.coordinates
     poles = [f"psi{i + 1}" for i in range(len(layout.links)) if abs(math.cos(at[f"psi{i + 1}"])) < NEAR_POLE]

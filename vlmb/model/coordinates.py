@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, finite, nearest
+from vlmb.model.frozen import Remade
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ class Coordinate:
 
 
 @dataclass(frozen=True)
-class Layout:
+class Layout(Remade):
     """All indices of a mechanism. `order` lists the links parents first."""
 
     base: str

@@ -7,7 +7,6 @@ A fixed segment makes no joint; an upper segment on which nothing hangs makes no
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,11 +16,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from vlmb.errors import SceneError, VlmbError
+from vlmb.errors import SceneError
 from vlmb.model import coordinates as chart
 from vlmb.model.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.display import Displayed
+from vlmb.model.frozen import Remade
 from vlmb.model.long_chains import is_long
+from vlmb.model.memory import refuse_what_does_not_fit
 from vlmb.model.names import POINTS, Names
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
@@ -34,30 +35,25 @@ AXIAL_RATIO = 1.0
 
 
 @dataclass(frozen=True)
-class Mechanism(Displayed):
-    """What `build` makes of a scene. `data` is scratch space: one thread at a time."""
+class Mechanism(Remade, Displayed):
+    """What `build` makes of a scene. It is never changed: whoever computes brings the scratch space (`make_data`)."""
 
     scene: Scene
     model: Any  # pinocchio.Model
     layout: Layout
-    frames: Mapping[str, int]  # "legs.tip" -> frame id
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
 
     def __repr__(self) -> str:
         return f"<Mechanism of {self.scene.name!r}: {' '.join(self.coordinate_names)}>"
 
-    @cached_property
-    def data(self) -> Any:
-        """Scratch space, a pinocchio.Data, made when first asked for: a chain cut into sub-chains runs without it.
+    def __hash__(self) -> int:
+        return hash(self.scene)
 
-        Raises VlmbError where it does not fit in memory.
-        """
-        _refuse_what_does_not_fit(self.model.nv)
-        data = pin.Data(self.model)
-        if not self.model.check(data):
-            raise VlmbError("internal: joints are not depth-first; crba would be wrong")
-        return data
+    @property
+    def frames(self) -> Mapping[str, int]:
+        """Frame ids of the model by the name of a point, `legs.tip`, and of the ski."""
+        return {frame.name: at for at, frame in enumerate(self.model.frames) if frame.type == pin.FrameType.OP_FRAME}
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -97,9 +93,9 @@ class Mechanism(Displayed):
 
     def position(self, state: tuple[Any, Any], link: str, point: str = "tip") -> np.ndarray:
         """Position (3,) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
-        from_name = f"{link}.{point}"
-        if from_name not in self.frames:
-            raise SceneError(f"unknown point {from_name!r}; points: {', '.join(self.frames)}")
+        if link not in self.names.links or point not in POINTS:
+            known = ", ".join(f"{name}.{which}" for name in self.names.links for which in POINTS)
+            raise SceneError(f"unknown point {f'{link}.{point}'!r}; points: {known}")
         return np.array(self.postures(state).position(self.names.links[link], point))
 
 
@@ -112,8 +108,8 @@ def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
     scene = as_scene(scene)
     builder = _Builder(scene)
     if scene.base.kind == "ski" or not is_long(scene):
-        _refuse_what_does_not_fit(builder.model.nv)
-    return Mechanism(scene, builder.model, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings))
+        refuse_what_does_not_fit(builder.model.nv)
+    return Mechanism(scene, builder.model, builder.layout(), tuple(builder.left_out), tuple(builder.warnings))
 
 
 class _Builder:
@@ -124,7 +120,6 @@ class _Builder:
         self.model = pin.Model()
         self.model.name = scene.name
         self.model.gravity.linear = np.array(scene.surface_gravity)
-        self.frames: dict[str, int] = {}
         self.left_out: list[str] = []
         self.warnings: list[str] = []
         self.links: dict[int, LinkIndex] = {}
@@ -310,7 +305,7 @@ class _Builder:
 
     def _frame(self, name: str, joint: int, at: np.ndarray) -> None:
         frame = pin.Frame(name, joint, 0, pin.SE3(np.eye(3), at), pin.FrameType.OP_FRAME)
-        self.frames[name] = self.model.addFrame(frame, False)
+        self.model.addFrame(frame, False)
 
 
 def start_length(scene: Scene, segment: Segment, key: str) -> float:
@@ -319,33 +314,6 @@ def start_length(scene: Scene, segment: Segment, key: str) -> float:
         return float(segment.length or 0.0)
     law = parse(0.0 if segment.law is None else segment.law, key, {"t", *scene.parameters})
     return evaluate(law, {"t": 0.0, **scene.parameters})
-
-
-def data_bytes(nv: int) -> int:
-    """Memory [bytes] that pinocchio.Data takes: about 4 nv^3 doubles."""
-    return 32 * nv**3
-
-
-def _refuse_what_does_not_fit(nv: int) -> None:
-    available = _available_memory()
-    if available and data_bytes(nv) > 0.8 * available:
-        raise VlmbError(
-            f"{nv} velocities need about {data_bytes(nv) / 2**30:.1f} GiB (pinocchio.Data holds 4 nv^3 doubles), "
-            f"and {available / 2**30:.1f} GiB are free: fix segments that need not move, use plane = true, or use fewer links"
-        )
-
-
-def _available_memory() -> int:
-    try:
-        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (ValueError, OSError, AttributeError):
-        return 0  # not known on this system: let the allocation itself decide
 
 
 def _along(distance: float) -> np.ndarray:

@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 
 
 class VelocityMap:
-    """S at one posture, never formed; `coordinates` must be complete and finite."""
+    """S at one posture, never formed; `coordinates` must be complete and finite. `data` is scratch space for a moment."""
 
-    def __init__(self, mechanism: Mechanism, coordinates: Mapping[str, float]) -> None:
+    def __init__(self, mechanism: Mechanism, coordinates: Mapping[str, float], data: Any) -> None:
         layout = self.layout = mechanism.layout
         self.q = make_state(layout, coordinates).q
         heading = coordinates["phi0"] if layout.base == "ski" else 0.0
@@ -54,8 +54,8 @@ class VelocityMap:
         self.balls = self.hinges[:, None] + np.arange(3)  # (n, 3)
         angles = np.array([coordinates[f"psi{i + 1}"] for i in range(n)], dtype=float)
         self.cos_psi, self.sin_psi = np.cos(angles), np.sin(angles)
-        pin.forwardKinematics(mechanism.model, mechanism.data, self.q)
-        turns = [mechanism.data.liMi[link.joint].rotation for link in layout.links]
+        pin.forwardKinematics(mechanism.model, data, self.q)
+        turns = [data.liMi[link.joint].rotation for link in layout.links]
         self.from_parent = np.array(turns).reshape(n, 3, 3)  # R^T = its transpose takes the parent's components to the link's
 
     def velocities(self, rates: Array) -> Array:

@@ -22,6 +22,18 @@ DEFAULT_STEP = 1e-3  # [s]
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A table of the scene file: unknown keys are refused."""
 
+    def __hash__(self) -> int:
+        return hash(_hashable(self))
+
+
+def _hashable(value: object) -> object:
+    """The same content without dicts and lists, whose order or kind equality does not mind."""
+    if isinstance(value, msgspec.Struct):
+        return type(value).__name__, *(_hashable(entry) for entry in msgspec.structs.astuple(value))
+    if isinstance(value, dict):
+        return frozenset((name, _hashable(entry)) for name, entry in value.items())
+    return tuple(map(_hashable, value)) if isinstance(value, (list, tuple)) else value
+
 
 class Base(Table, frozen=True, kw_only=True):
     """What link 1 stands on: a hinge on the ground, a ski on the surface, or nothing."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.coordinates import segment_of
 from vlmb.simulation.integrate import short_run
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.system import Workspace
 
 Array = NDArray[np.float64]
 SHORT_STEPS = 500  # of a short run that looks for an event
@@ -27,9 +27,9 @@ class Watch:
     `quiet`: right-hand sides look at all lengths themselves, and none came near a limit since the start: looks may be rare.
     """
 
-    def __init__(self, dynamics: Dynamics, y: Array, fall: bool, rtol: float, atol: float) -> None:
-        self.dynamics, self.tolerances = dynamics, (rtol, atol)
-        mechanism, layout = dynamics.mechanism, dynamics.layout
+    def __init__(self, workspace: Workspace, y: Array, fall: bool, rtol: float, atol: float) -> None:
+        self.workspace, self.tolerances = workspace, (rtol, atol)
+        mechanism, layout = workspace.mechanism, workspace.layout
         self.names: list[str] = []
         self.segments: list[tuple[int, int, float, float]] = []  # where length and rate are in y, and their limits
         for c in layout.coordinates:
@@ -37,16 +37,18 @@ class Watch:
                 at, (low, high) = segment_of(layout, c), mechanism.segment(c).bounds
                 self.names.append(c.name)
                 self.segments.append((at.q, layout.nq + at.v, low, high))
-        dynamics.springs.watch(y)
-        self.told = dynamics.springs.guarded and not (dynamics.prescribed or dynamics.route == "subchains")
+        workspace.springs.watch(y)
+        self.told = workspace.springs.guarded and not (workspace.system.prescribed or workspace.route == "subchains")
         self.points: list[str] = []
+        self.frames: Mapping[str, int] = {}
         if fall and layout.base == "ski":
+            self.frames = mechanism.frames
             self.points = [f"{link.name}.{point}" for link in layout.links for point in ("rod_end", "tip")]
 
     @property
     def quiet(self) -> bool:
         """Whether nothing can have happened that was not told."""
-        return self.told and not (self.points or self.dynamics.springs.near)
+        return self.told and not (self.points or self.workspace.springs.near)
 
     def refuse_start(self, y: Array) -> None:
         """Raise SceneError for a start with a point under the snow."""
@@ -85,9 +87,9 @@ class Watch:
         """Heights [m] of all points that must stay above the snow."""
         if not self.points:
             return []
-        model, data, frames = self.dynamics.mechanism.model, self.dynamics.mechanism.data, self.dynamics.mechanism.frames
-        pin.forwardKinematics(model, data, pin.normalize(model, y[: self.dynamics.nq]))
-        return [pin.updateFramePlacement(model, data, frames[name]).translation.item(2) for name in self.points]
+        model, data = self.workspace.mechanism.model, self.workspace.frames.data
+        pin.forwardKinematics(model, data, pin.normalize(model, y[: self.workspace.nq]))
+        return [pin.updateFramePlacement(model, data, self.frames[name]).translation.item(2) for name in self.points]
 
     def _crossing(self, t0: float, y0: Array, t1: float, y1: Array, value: Callable[[Array], float]) -> float | None:
         """First time in (t0, t1] at which `value` is negative, by one run through the interval in short pieces."""
@@ -116,4 +118,4 @@ class Watch:
 
     def state_at(self, t0: float, y0: Array, t: float) -> Array:
         """y(t) by a short run from (t0, y0)."""
-        return y0 if t <= t0 else short_run(self.dynamics.rhs, t0, y0, t, *self.tolerances, steps=SHORT_STEPS)
+        return y0 if t <= t0 else short_run(self.workspace.rhs, t0, y0, t, *self.tolerances, steps=SHORT_STEPS)

@@ -10,9 +10,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
+from vlmb.model.frozen import read_only
 from vlmb.system.bars import chain_energies
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.frames import LinkFrames
 from vlmb.system.springs import spring_energy
+from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
@@ -21,30 +23,36 @@ ENERGIES = ("kinetic", "potential", "spring", "energy", "work", "dissipated", "b
 
 
 def forces_along(
-    dynamics: Dynamics, t: Array, q: Array, v: Array, work: Array, values: Array, failed: bool
+    system: System, t: Array, q: Array, v: Array, work: Array, values: Array, inputs: Array, failed: bool
 ) -> dict[str, Any]:
     """Reactions, residuals, powers, controls, forces and torques in hinges, conditions of G, all (N, ...), in one pass.
 
-    `values` (N, coordinates) keep the branches of angles. Where a run has failed there may be no forces.
+    `values` (N, coordinates) keep the branches of angles, `inputs` (N, S) are forces from outside. What is not known is nan:
+    where a run has failed there may be no forces, and where an input is not known there is none. `report` tells of a programme.
     """
-    mechanism, count = dynamics.mechanism, len(t)
+    mechanism, count, workspace = system.mechanism, len(t), system.workspace()
     links = mechanism.layout.links
-    texts = [row.text for row in dynamics.system.info]
-    ideal = texts[: dynamics.system.ideal]
-    found: dict[str, Any] = {"reactions": {name: np.zeros(count) for name in ("knife_edge", *SNOW, *ideal)}}
-    found["residuals"] = {name: (np.zeros(count), np.zeros(count)) for name in texts}
-    found["powers"] = {name: np.zeros(count) for name in dynamics.work_names}
-    found["controls"] = {name: np.zeros(count) for name in dynamics.work_names}
-    found["hinges"], found["hinge_torques"] = np.zeros((count, len(links), 3)), np.zeros((count, len(links), 3))
-    found["conditions"], programme = np.ones(count), dynamics.system.programme
-    data = mechanism.data
+    texts = [row.text for row in system.info]
+    ideal = texts[: len(mechanism.scene.constraints)]
+
+    def unknown(*shape: int) -> Array:
+        return np.full((count, *shape), np.nan)
+
+    found: dict[str, Any] = {"reactions": {name: unknown() for name in ("knife_edge", *SNOW, *ideal)}}
+    found["residuals"] = {name: (unknown(), unknown()) for name in texts}
+    found["powers"] = {name: unknown() for name in system.work_names}
+    found["controls"] = {name: unknown() for name in system.work_names}
+    found["hinges"], found["hinge_torques"] = unknown(len(links), 3), unknown(len(links), 3)
+    found["conditions"], programme = unknown(), workspace.solver.programme
+    data = workspace.frames.data
     for i in range(count):
-        dynamics.reference = values[i].tolist()
+        if np.isnan(inputs[i]).any():
+            continue
         try:
-            now = dynamics.evaluate(float(t[i]), np.concatenate([q[i], v[i], work[i]]))
+            now = workspace.evaluate(float(t[i]), np.concatenate([q[i], v[i], work[i]]), values[i].tolist(), inputs[i].tolist())
         except VlmbError:
             if failed:
-                continue  # where a run fails there may be no forces
+                continue
             raise
         for name, value in now.controls.items():
             found["controls"][name][i] = value
@@ -64,23 +72,31 @@ def forces_along(
             turn, force = data.oMi[link.joint].rotation, data.f[link.joint]
             found["hinges"][i, k], found["hinge_torques"][i, k] = turn @ force.linear, turn @ force.angular
         if programme is not None:
-            found["conditions"][i] = programme.rank(programme.effect)[1]
-    return found
+            found["conditions"][i] = programme.rank(programme.control_matrix)[1]
+    frozen = {what: _frozen(value) for what, value in found.items()}
+    return frozen | {"report": "" if programme is None else programme.report}
 
 
-def energies_along(dynamics: Dynamics, q: Array, v: Array, work_by_force: Mapping[str, Array]) -> dict[str, Array]:
+def _frozen(value: Any) -> Any:
+    """The same arrays, read-only."""
+    if isinstance(value, dict):
+        return {name: _frozen(entry) for name, entry in value.items()}
+    return tuple(map(read_only, value)) if isinstance(value, tuple) else read_only(value)
+
+
+def energies_along(system: System, q: Array, v: Array, work_by_force: Mapping[str, Array]) -> dict[str, Array]:
     """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses."""
-    mechanism, count = dynamics.mechanism, len(q)
+    mechanism, count, frames = system.mechanism, len(q), LinkFrames(system.mechanism)
     spring = spring_energy(mechanism, q)
-    if dynamics.subchains is not None:
+    if system.route == "subchains":
         kinetic, potential = chain_energies(mechanism, q, v)
     else:
-        model, data = mechanism.model, mechanism.data
+        model, data = mechanism.model, frames.data
         kinetic = np.array([pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)])
         potential = np.array([pin.computePotentialEnergy(model, data, place) for place in q])
-    for i in range(count if dynamics.direction_springs else 0):
-        pin.crba(mechanism.model, mechanism.data, q[i], pin.Convention.WORLD)
-        spring[i] += sum(entry.energy(dynamics.frames) for entry in dynamics.direction_springs)
+    for i in range(count if system.direction_springs else 0):
+        frames.update(q[i])
+        spring[i] += sum(entry.energy(frames) for entry in system.direction_springs)
     total = kinetic + potential + spring
     work, lost = np.zeros(count), np.zeros(count)
     for name, done in work_by_force.items():
@@ -90,4 +106,4 @@ def energies_along(dynamics: Dynamics, q: Array, v: Array, work_by_force: Mappin
             work = work + done
     balance = total - total[0] - (work - work[0]) + (lost - lost[0])
     values = (kinetic, potential, spring, total, work, lost, balance)
-    return dict(zip(ENERGIES, values, strict=True))
+    return dict(zip(ENERGIES, map(read_only, values), strict=True))

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SimulationError, SingularError, VlmbError
+from vlmb.model.coordinates import State
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.events import Watch
 from vlmb.simulation.integrate import Driver, find_method, short_run
 from vlmb.simulation.trajectory import Sample
 from vlmb.system.diagnostics import HUGE
-from vlmb.system.dynamics import Dynamics
+from vlmb.system.system import Workspace
 from vlmb.system.types import Rhs
 
 Array = NDArray[np.float64]
@@ -37,21 +38,20 @@ class March:
 
     def __init__(
         self,
-        dynamics: Dynamics,
+        workspace: Workspace,
         run: Run,
         y: Array,
         times: Array,
         breaks: tuple[float, ...],
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        self.dynamics, self.options, self.times, self.breaks = dynamics, run, times, breaks
+        self.workspace, self.options, self.times, self.breaks = workspace, run, times, breaks
         self.tell = progress
         self.method = find_method(run.method)
-        self.watch = Watch(dynamics, y, run.fall, run.rtol, run.atol)
+        self.watch = Watch(workspace, y, run.fall, run.rtol, run.atol)
         self.watch.refuse_start(y)
-        self.projecting = dynamics.knife_edge == "projection"
-        self.timed = bool(dynamics.actuation.channels or dynamics.prescribed)
-        self.angles, self.reference = dynamics.reads_angles, np.array(dynamics.reference)
+        self.timed = bool(workspace.applied.channels or workspace.system.prescribed)
+        self.angles, self.start = workspace.system.reads_angles, np.array(workspace.branch)
         self.calm = self.method.adaptive and not (self.method.stiff or self.angles)  # looks may be rare
         self.wanted = set(times.tolist())
         self.recorded: list[Sample] = []
@@ -68,7 +68,10 @@ class March:
         return self.done + (self.driver.steps if self.driver is not None else 0)
 
     def run(self) -> tuple[str, str]:
-        """Go to the last sample; return a status and a sentence."""
+        """Go to the last sample; return a status and a sentence.
+
+        An error of the user's control or progress goes through, once what was recorded is in order: see `failed_by`.
+        """
         last = float(self.times[-1])
         try:
             try:
@@ -85,22 +88,28 @@ class March:
                         return "stopped", sentence
                 self._keep_something()
                 why = "" if isinstance(error, SingularError) else self._why()
-                return "failed", f"failed at t = {self.t:.6g} s: {error}{why}"
+                return "failed", f"failed at t = {self.t:.6g} s: {error}{why}{self._unknown()}"
         except KeyboardInterrupt:
-            if self.quiet and not self.watch.quiet:  # what came since the last look may be beyond an event
-                self._forget_since(self.seen[0])
-            self._keep_something()
-            return "interrupted", f"interrupted at t = {self.t:.6g} s; the part so far is kept."
+            self._keep_what_is_sure()
+            return "interrupted", f"interrupted at t = {self.t:.6g} s; the part so far is kept{self._unknown()}."
+        except Exception:
+            self._keep_what_is_sure()
+            raise
         return "finished", f"finished at t = {last:.6g} s."
+
+    def failed_by(self, error: Exception) -> str:
+        """Return the sentence for an error that went through."""
+        source = "the control raised " if error is self.workspace.applied.failure else ""
+        return f"failed at t = {self.t:.6g} s: {source}{type(error).__name__}: {error}{self._unknown()}"
 
     def _stretch(self, end: float, last: float) -> str | None:
         """Go to a break, or the end; return a sentence if an event stops the run before.
 
         What fails or comes near a limit between two rare looks is gone through again with close ones.
         """
-        rhs = _between(self.dynamics.rhs, self.t, end, last) if self.timed else self.dynamics.rhs
+        rhs = _between(self.workspace.rhs, self.t, end, last) if self.timed else self.workspace.rhs
         self._leave_driver()
-        self.room = max(CLOSEST, self.dynamics.accept(self.t, self.y))
+        self.room = max(CLOSEST, self.workspace.accept(self.t, self.y)[1])
         self.seen, self.quiet, self.look = (self.t, self.y), False, self.t + min(1.0 / LOOKS, self.room)
         while True:
             try:
@@ -166,7 +175,7 @@ class March:
             return sentence
         if self.driver is not None:
             self.step = self.driver.step
-        self.room = max(CLOSEST, self.dynamics.accept(self.t, self.y))
+        self.room = max(CLOSEST, self.workspace.accept(self.t, self.y)[1])
         self.seen, self.quiet = (self.t, self.y), self.calm and self.watch.quiet
         if self.quiet:
             self.look += min(QUIET, max(1.0 / LOOKS, MANY * self.step))
@@ -193,22 +202,37 @@ class March:
             self.recorded.pop()
 
     def _record(self, t: float, y: Array) -> None:
-        if self.projecting:
-            self.dynamics.unpack(t, y)  # a sample without a projection is none
-        self.recorded.append(Sample(t, y, np.array(self.dynamics.reference) if self.angles else self.reference))
+        """Take a sample with the forces that the control gives there, asked once, now."""
+        state = self.workspace.unpack(t, y)
+        self._keep(t, y, state, self.workspace.inputs(t, state))
+
+    def _keep(self, t: float, y: Array, state: State, inputs: Array) -> None:
+        branch = np.array(self.workspace.branch) if self.angles else self.start
+        self.recorded.append(Sample(t, *state, y[self.workspace.nq + self.workspace.nv :], inputs, branch))
+
+    def _keep_what_is_sure(self) -> None:
+        if self.quiet and not self.watch.quiet:  # what came since the last look may be beyond an event
+            self._forget_since(self.seen[0])
+        self._keep_something()
 
     def _keep_something(self) -> None:
+        """Keep one sample at least; a control that has failed is not asked again."""
         if not self.recorded:
-            self._record(self.t, self.y)
+            nothing = np.full(len(self.workspace.applied.inputs), np.nan)
+            self._keep(self.t, self.y, self.workspace.unpack(self.t, self.y), nothing)
+
+    def _unknown(self) -> str:
+        lost = self.recorded and np.isnan(self.recorded[-1].inputs).any()
+        return "; the forces of the control at this sample are not known" if lost else ""
 
     def _why(self) -> str:
         """Add what the mass matrix says about a place where a run failed."""
-        dynamics = self.dynamics
-        condition, names = dynamics.faults.conditioning(self.y[: dynamics.nq])
+        workspace = self.workspace
+        condition, names = workspace.diagnostics.conditioning(self.y[: workspace.nq])
         if condition > 1e10:
             weak = ", ".join(names)
             return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
-        return dynamics.system.programme.weakness() if dynamics.system.programme else ""
+        return workspace.solver.programme.weakness() if workspace.solver.programme else ""
 
 
 def _between(rhs: Rhs, start: float, end: float, last: float) -> Rhs:

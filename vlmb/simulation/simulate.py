@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 import warnings
@@ -21,10 +22,9 @@ from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.march import March
 from vlmb.simulation.trajectory import Trajectory
-from vlmb.system.dynamics import Dynamics
-from vlmb.system.forces import Control
-from vlmb.system.prescribed import prescribed_segments
+from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.start import Start, consistent_start
+from vlmb.system.system import System, Workspace, make_system
 
 Array = NDArray[np.float64]
 
@@ -55,11 +55,12 @@ def simulate(
     ----------
     scene : a Scene, the path of a scene file, a dict with its keys, or a mechanism built from one
     t_eval : (N,) [s], ascending in [0, duration]; default: evenly spaced
-    control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name. Names are
-        those of the first call; an exception it raises goes through
+    control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name, read-only.
+        Names are those of the first call. It is asked once for every sample, when that is taken, and the answer recorded; after
+        the run it is not called again. An exception it raises goes through; the trajectory so far is its `trajectory`
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
-    progress : called with the time reached, sample by sample
+    progress : called with the time reached, sample by sample; its exceptions go through like the control's
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
     Raises SceneError (a VlmbError) for what is wrong before the run.
@@ -72,26 +73,47 @@ def simulate(
     run = run_options(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain
     )
-    start = consistent_start(mechanism)
-    reference = np.array([start.coordinates[name] for name in mechanism.layout.names])
-    dynamics = Dynamics(mechanism, run.knife_edge, run.gain, control, start.state, route, run)
-    dynamics.reference = reference.tolist()
+    system = make_system(mechanism, run, route)
+    start = consistent_start(system)
+    branch = [start.coordinates[name] for name in mechanism.layout.names]
+    if control is not None:
+        first = StateView(mechanism, 0.0, start.state.q, start.state.v, None)
+        system = system.with_inputs(tuple(answer_of(control, first)))
+    workspace = system.workspace(control, branch)
     times = _sample_times(run, t_eval)
-    breaks = _breaks(dynamics, run.duration)
-    start = start._replace(repairs=(*start.repairs, *_balanced(dynamics, start)))
+    breaks = _breaks(system, run.duration)
+    start = start._replace(adjustments=(*start.adjustments, *_balanced(workspace, start)))
     began, used = time.perf_counter(), time.thread_time()
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named; drivers raise
         warnings.simplefilter("ignore")
-        march = March(dynamics, run, dynamics.pack(start.state), times, breaks, progress)
-        status, message = march.run()
-    stats = {
-        "wall_time": time.perf_counter() - began,
-        "cpu_time": time.thread_time() - used,
-        "rhs_evaluations": dynamics.evaluations,
-        "steps": march.steps,
-        "route": dynamics.route,
-    }
-    return Trajectory.from_run(dynamics, run, start, march.recorded, status, message, stats)
+        march = March(workspace, run, workspace.pack(start.state), times, breaks, progress)
+
+        def trajectory(status: str, message: str) -> Trajectory:
+            stats = {
+                "wall_time": time.perf_counter() - began,
+                "cpu_time": time.thread_time() - used,
+                "rhs_evaluations": workspace.evaluations,
+                "steps": march.steps,
+                "route": workspace.route,
+            }
+            return _kept(lambda: Trajectory.from_run(system, start, march.recorded, status, message, stats))
+
+        try:
+            status, message = march.run()
+        except Exception as error:
+            if march.recorded:
+                with contextlib.suppress(AttributeError):  # a type without room for it
+                    error.trajectory = trajectory("failed", march.failed_by(error))  # type: ignore[attr-defined]
+            raise
+        return trajectory(status, message)
+
+
+def _kept(make: Callable[[], Trajectory]) -> Trajectory:
+    """Make the trajectory of a run that is over; a Ctrl-C meanwhile, which is too late to stop it, loses nothing."""
+    try:
+        return make()
+    except KeyboardInterrupt:
+        return make()
 
 
 def run_options(scene: Scene, **changes: Any) -> Run:
@@ -121,8 +143,8 @@ class Checked(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, what was repaired at the start, and how a programme is stable and controllable."""
-        return (*self.mechanism.warnings, *self.start.repairs)
+        """Warnings, what was adjusted at the start, and how a programme is stable and controllable."""
+        return (*self.mechanism.warnings, *self.start.adjustments)
 
     @property
     def report(self) -> str:
@@ -143,29 +165,31 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     """
     scene = as_scene(scene)
     mechanism = build(scene)
-    start = consistent_start(mechanism)
-    dynamics = Dynamics(mechanism, scene.run.knife_edge, scene.run.gain)
-    _breaks(dynamics, scene.run.duration)
-    dynamics.rhs(0.0, dynamics.pack(start.state))
-    if dynamics.faults.conditioning(start.state.q)[0] > SINGULAR:
-        raise dynamics.faults.singular(start.state.q)
-    programme = dynamics.system.programme
+    system = make_system(mechanism)
+    start = consistent_start(system)
+    workspace = system.workspace()
+    _breaks(system, scene.run.duration)
+    workspace.rhs(0.0, workspace.pack(start.state))
+    if workspace.diagnostics.conditioning(start.state.q)[0] > SINGULAR:
+        raise workspace.diagnostics.singular(start.state.q)
+    programme = workspace.solver.programme
     if programme is None:
         return Checked(mechanism, start)
-    rank, condition = programme.rank(programme.effect)
+    rank, condition = programme.rank(programme.control_matrix)
     controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-    return Checked(mechanism, start._replace(repairs=(*start.repairs, f"programme: {programme.report}; {controllable}")))
+    note = f"programme: {programme.report}; {controllable}"
+    return Checked(mechanism, start._replace(adjustments=(*start.adjustments, note)))
 
 
-def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
+def _balanced(workspace: Workspace, start: Start) -> list[str]:
     """Say where a start rests in an unstable equilibrium: no answer there is better than rounding."""
-    actuation, model, nq, nv = dynamics.actuation, dynamics.mechanism.model, dynamics.nq, dynamics.nv
-    if any(start.rates.values()) or actuation.channels or actuation.control or dynamics.prescribed or dynamics.system.needed:
+    model, nq, nv = workspace.mechanism.model, workspace.nq, workspace.nv
+    if any(start.rates.values()) or workspace.system.forces.needed or workspace.system.prescribed or workspace.solver.needed:
         return []
-    y = dynamics.pack(start.state)
+    y = workspace.pack(start.state)
 
     def accelerations(q: Array) -> Array:
-        return np.array(dynamics.rhs(0.0, np.concatenate([q, y[nq:]]))[nq : nq + nv])
+        return np.array(workspace.rhs(0.0, np.concatenate([q, y[nq:]]))[nq : nq + nv])
 
     try:
         if np.abs(accelerations(start.state.q)).max() > AT_REST:
@@ -175,7 +199,7 @@ def _balanced(dynamics: Dynamics, start: Start) -> list[str]:
     except VlmbError:
         return []  # the run says it
     finally:
-        dynamics.forget()
+        workspace.forget()
     growth = np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max()
     if not growth > UNSTABLE:
         return []
@@ -202,14 +226,14 @@ def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:
     return times
 
 
-def _breaks(dynamics: Dynamics, duration: float) -> tuple[float, ...]:
+def _breaks(system: System, duration: float) -> tuple[float, ...]:
     """Times at which a law is not smooth; SceneError where a prescribed length jumps, or leaves its limits."""
-    mechanism = dynamics.mechanism
+    mechanism = system.mechanism
     breaks: set[float] = set()
-    for law in dynamics.actuation.laws:
+    for law in system.forces.laws:
         breaks |= set(law_breaks(law, 0.0, duration))
     coordinates = {c.name: c for c in mechanism.layout.coordinates}
-    for at in prescribed_segments(mechanism):
+    for at in system.prescribed:
         for t in law_breaks(at.law, 0.0, duration):
             value, rate = law_jump(at.law, t)
             if abs(value) > 1e-7 or abs(rate) > 1e-4:

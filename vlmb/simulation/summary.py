@@ -24,9 +24,11 @@ class Told(Protocol):
     @property
     def run(self) -> Any: ...  # noqa: D102
     @property
+    def status(self) -> str: ...  # noqa: D102
+    @property
     def message(self) -> str: ...  # noqa: D102
     @property
-    def repairs(self) -> tuple[str, ...]: ...  # noqa: D102
+    def adjustments(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
     def stats(self) -> dict[str, Any]: ...  # noqa: D102
     @property
@@ -49,7 +51,7 @@ def summarize(trajectory: Told, programme: str) -> str:
     off = float(np.abs(trajectory["balance"]).max())
     share = off / max(float(trajectory["kinetic"].max()), 1e-300)
     lines = [
-        f"{trajectory.scene.name}: {trajectory.message}",
+        f"{'FAILED  ' if trajectory.status == 'failed' else ''}{trajectory.scene.name}: {trajectory.message}",
         f"  simulated        {trajectory.t[-1]:.6g} s in {wall:.3g} s ({trajectory.t[-1] / wall:.3g} times real time)",
         f"  method           {run.method} ({options}), {trajectory.stats['steps']} steps, "
         f"{trajectory.stats['rhs_evaluations']} right-hand sides",
@@ -57,24 +59,35 @@ def summarize(trajectory: Told, programme: str) -> str:
     ]
     for name in trajectory.residuals:
         residual = trajectory.residuals[name]
-        position = "" if residual.position is None else f"{np.abs(residual.position).max():.2e}, "
+        position = "" if residual.position is None else f"{_largest(residual.position):.2e}, "
         unit = "m/s" if name == "knife_edge" else "/s"
-        lines.append(f"  residual         {name}: {position}{np.abs(residual.velocity).max():.2e} {unit}")
+        lines.append(f"  residual         {name}: {position}{_largest(residual.velocity):.2e} {unit}")
     if programme:
         lines.append(f"  programme        {programme}")
     if "knife_edge" in trajectory.reactions:
         edge, normal = trajectory.reactions["knife_edge"], trajectory.reactions["normal"]
-        lines.append(f"  edge force       up to {np.abs(edge).max():.4g} N")
-        lines.append(f"  normal force     {normal.min():.4g} to {normal.max():.4g} N")
-        if normal.min() < 0.0:
+        lines.append(f"  edge force       up to {_largest(edge):.4g} N")
+        lines.append(f"  normal force     {np.fmin.reduce(normal):.4g} to {np.fmax.reduce(normal):.4g} N")
+        if np.fmin.reduce(normal) < 0.0:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
         lines.append(
-            f"  control          {name}: up to {np.abs(values).max():.4g}, power {np.abs(power).max():.4g} W at most and "
-            f"{np.abs(power).mean():.4g} W on average, work {trajectory.work_by_force[name][-1]:.4g} J"
+            f"  control          {name}: up to {_largest(values):.4g}, power {_largest(power):.4g} W at most and "
+            f"{_average(power):.4g} W on average, work {trajectory.work_by_force[name][-1]:.4g} J"
         )
-    lines += [f"  note             {repair}" for repair in trajectory.repairs]
+    lines += [f"  note             {adjustment}" for adjustment in trajectory.adjustments]
     return "\n".join(lines)
+
+
+def _largest(values: Array) -> float:
+    """Largest size among the values that are known; nan where none is."""
+    return float(np.fmax.reduce(np.abs(values)))
+
+
+def _average(values: Array) -> float:
+    """Average size of the values that are known; nan where none is."""
+    known = np.abs(values[~np.isnan(values)])
+    return float(known.mean()) if known.size else float("nan")

@@ -19,6 +19,7 @@ from vlmb._version import __version__
 from vlmb.errors import TrajectoryError, nearest
 from vlmb.model.coordinates import read_samples
 from vlmb.model.display import Displayed
+from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.names import POINTS
 from vlmb.model.reading import Postures
@@ -29,13 +30,12 @@ from vlmb.scene.written import as_numbers
 from vlmb.simulation.histories import ENERGIES, SNOW, energies_along, forces_along
 from vlmb.simulation.storage import checked_path, read_arrays, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
-from vlmb.system.dynamics import Dynamics
-from vlmb.system.forces import View
 from vlmb.system.start import Start
+from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
-ARRAYS = ("t", "q", "v", "work", "asked", "reference")  # what a file holds
+ARRAYS = {"t": "t", "q": "q", "v": "v", "work": "work", "inputs": "asked", "branch": "reference"}  # and their names in a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,14 @@ class Residual:
 
 
 class Sample(NamedTuple):
-    """An instant of a run: y = (q, v, work), and the coordinates whose branches of angles the forces went by."""
+    """An instant of a run: what was accepted there, the forces that the control gave, and the branch that angles were read on."""
 
     t: float
-    y: Array
-    reference: Array
+    q: Array
+    v: Array
+    work: Array
+    inputs: Array
+    branch: Array
 
 
 class _Named(Mapping[str, Any]):
@@ -83,11 +86,12 @@ class _Named(Mapping[str, Any]):
         return len(self.names)
 
 
-@dataclass(frozen=True)
-class Trajectory(Displayed):
+@dataclass(frozen=True, eq=False)
+class Trajectory(Remade, Displayed):
     """Samples of a motion: t (N,) [s], q (N, nq), v (N, nv), work (N, W) [J], and how they were made.
 
-    trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`.
+    trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`. All arrays
+    are read-only. A pickle or a file carries the forces that a control gave, not the control.
     """
 
     mechanism: Mechanism
@@ -95,37 +99,42 @@ class Trajectory(Displayed):
     q: Array
     v: Array
     work: Array
-    asked: Array  # (N, S) [N, N m] forces a control callable returned
-    asked_names: tuple[str, ...]
-    reference: Array  # (1, N) coordinates at the start, or (samples, N): the branches angles are read on
+    inputs: Array  # (N, S) [N, N m] forces of a control callable as they acted; nan where not known
+    input_names: tuple[str, ...]
+    branch: Array  # (1, N) coordinates at the start, or (samples, N): near which angles are read
     run: Run
     status: str  # finished | stopped | failed | interrupted
     message: str
-    repairs: tuple[str, ...]
+    adjustments: tuple[str, ...]  # of the start, in sentences
     stats: dict[str, Any]
     versions: dict[str, str]
 
+    def __post_init__(self) -> None:
+        for name in ARRAYS:
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
     @staticmethod
-    def from_run(
-        dynamics: Dynamics, run: Run, start: Start, recorded: list[Sample], status: str, message: str, stats: Any
-    ) -> Trajectory:
+    def from_run(system: System, start: Start, recorded: list[Sample], status: str, message: str, stats: Any) -> Trajectory:
         """Turn recorded samples into a trajectory."""
-        mechanism = dynamics.mechanism
-        states = [dynamics.unpack(now.t, now.y) for now in recorded]
-        t, q, v = np.array([now.t for now in recorded]), np.array([s.q for s in states]), np.array([s.v for s in states])
-        reference = np.array([[start.coordinates[name] for name in mechanism.layout.names]])
-        if dynamics.reads_angles:
-            reference = np.array([now.reference for now in recorded])
-        asked_names = tuple(dynamics.actuation.asked)
-        asked = np.zeros((len(t), len(asked_names)))
-        if asked_names and dynamics.actuation.control is not None:
-            values = read_samples(mechanism.layout, t, q, v, reference)[0]
-            for i in range(len(t) if status != "interrupted" else 0):
-                asked[i] = dynamics.actuation.answer(float(t[i]), View(mechanism, float(t[i]), q[i], v[i], values[i]))
-        work = np.array([now.y[dynamics.nq + dynamics.nv :] for now in recorded])
-        return Trajectory(
-            mechanism, t, q, v, work, asked, asked_names, reference, run, status, message, start.repairs, stats, versions()
-        )
+        t, q, v, work, inputs, branch = (np.array(column) for column in zip(*recorded, strict=True))
+        names = system.forces.inputs or ()
+        branch = branch if system.reads_angles else branch[:1]
+        made = Trajectory(
+            system.mechanism, t, q, v, work, inputs, names, branch, system.run, status, message, start.adjustments, stats,
+            versions(),
+        )  # fmt: skip
+        made.__dict__["system"] = system  # nothing is compiled again
+        return made
+
+    @cached_property
+    def system(self) -> System:
+        """The equations of this run; compiled again after reading a pickle."""
+        return make_system(self.mechanism, self.run, inputs=self.input_names or None)
+
+    @property
+    def repairs(self) -> tuple[str, ...]:
+        """The former name of `adjustments`."""
+        return self.adjustments
 
     @property
     def scene(self) -> Scene:
@@ -153,19 +162,20 @@ class Trajectory(Displayed):
         names = self.mechanism.names
         if name not in names:
             raise TrajectoryError(f"this trajectory has no {name!r:.80}; {names.hint(name)}")
-        return self._postures.read(names.find(name), *self._coordinates)
+        return read_only(self._postures.read(names.find(name), *self._coordinates))
 
     def position(self, link: str, point: str = "tip") -> Array:
         """Positions (N, 3) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
         links = self.mechanism.names.links
         if link not in links or point not in POINTS:
             raise TrajectoryError(f"no point {point!r} of link {link!r}; links: {', '.join(links)}; points: {', '.join(POINTS)}")
-        return self._postures.position(links[link], point)
+        return read_only(self._postures.position(links[link], point))
 
     @cached_property
     def controls(self) -> Mapping[str, Array]:
         """Applied forces and the forces of prescribed segments by name, (N,) [N, N m]."""
-        names = tuple(n for n in self._dynamics.work_names if n not in ("dissipation", *self._dynamics.system.names))
+        ideal = {row.text for row in self.system.info[: len(self.scene.constraints)]}
+        names = tuple(n for n in self.system.work_names if n != "dissipation" and n not in ideal)
         return _Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
@@ -197,7 +207,7 @@ class Trajectory(Displayed):
     @property
     def conditions(self) -> Array:
         """Condition number (N,) of the programme's G in the scales of its controls; empty without a programme."""
-        return self._evaluations["conditions"] if self.scene.programme else np.zeros(0)
+        return self._evaluations["conditions"] if self.scene.programme else read_only(np.zeros(0))
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
@@ -214,9 +224,9 @@ class Trajectory(Displayed):
     def _residual(self, name: str) -> Residual:
         if name == "knife_edge":
             heading = self["phi0"]
-            return Residual(None, -self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading))
+            return Residual(None, read_only(-self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading)))
         position, velocity = self._evaluations["residuals"][name]
-        return Residual(position if self._dynamics.is_holonomic(name) else None, velocity, self._equations[name])
+        return Residual(position if self.system.is_holonomic(name) else None, velocity, self._equations[name])
 
     def power(self, name: str) -> Array:
         """Power (N,) [W] of an applied force or prescribed segment: the rate of its work."""
@@ -226,42 +236,33 @@ class Trajectory(Displayed):
     @property
     def work_by_force(self) -> dict[str, Array]:
         """Work (N,) [J] done by each applied force and prescribed segment, and lost in dampers (`dissipation`)."""
-        return {name: self.work[:, k] for k, name in enumerate(self._dynamics.work_names)}
+        return {name: self.work[:, k] for k, name in enumerate(self.system.work_names)}
 
     @cached_property
     def _coordinates(self) -> tuple[Array, Array]:
-        return read_samples(self.mechanism.layout, self.t, self.q, self.v, self.reference)
+        values, rates = read_samples(self.mechanism.layout, self.t, self.q, self.v, self.branch)
+        return read_only(values), read_only(rates)
 
     @cached_property
     def _postures(self) -> Postures:
         return self.mechanism.postures((self.q, self.v))
 
     @cached_property
-    def _dynamics(self) -> Dynamics:
-        def replay(t: float, view: View) -> dict[str, float]:
-            at = int(np.argmin(np.abs(self.t - t)))
-            return dict(zip(self.asked_names, self.asked[at].tolist(), strict=True))
-
-        start = self.mechanism.state(dict(zip(self.mechanism.layout.names, self.reference[0].tolist(), strict=True)))
-        control = replay if self.asked_names else None
-        return Dynamics(self.mechanism, self.run.knife_edge, self.run.gain, control, start, run=self.run)
-
-    @cached_property
     def _evaluations(self) -> dict[str, Any]:
-        values = self._coordinates[0]
-        return forces_along(self._dynamics, self.t, self.q, self.v, self.work, values, self.status == "failed")
+        values, failed = self._coordinates[0], self.status == "failed"
+        return forces_along(self.system, self.t, self.q, self.v, self.work, values, self.inputs, failed)
 
     @cached_property
     def _energies(self) -> dict[str, Array]:
-        return energies_along(self._dynamics, self.q, self.v, self.work_by_force)
+        return energies_along(self.system, self.q, self.v, self.work_by_force)
 
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""
         note = {
             "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,
-            "repairs": self.repairs, "stats": self.stats, "versions": self.versions, "asked_names": self.asked_names,
+            "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
         }  # fmt: skip
-        return write_arrays(checked_path(path), note, {name: getattr(self, name) for name in ARRAYS})
+        return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def save_csv(self, path: str | Path) -> Path:
         """Write time, coordinates, rates, energies, controls and reactions as columns with a header."""
@@ -271,9 +272,10 @@ class Trajectory(Displayed):
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
-        condition = self.conditions.max(initial=0.0)  # first: the ranks that a programme reports are found on the way
-        programme = self._dynamics.system.programme
-        return summarize(self, f"{programme.report}; condition of G up to {condition:.4g}" if programme else "")
+        if self.scene.programme is None:
+            return summarize(self, "")
+        condition = np.fmax.reduce(self.conditions, initial=0.0)
+        return summarize(self, f"{self._evaluations['report']}; condition of G up to {condition:.4g}")
 
 
 def versions() -> dict[str, str]:
@@ -289,31 +291,35 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
     Raises TrajectoryError for a file that is missing, damaged or foreign.
     """
-    note, arrays = read_arrays(path, ARRAYS)
+    note, stored = read_arrays(path, tuple(ARRAYS.values()))
+    arrays = {name: stored[key] for name, key in ARRAYS.items()}
     try:
         scene = Scene.from_dict(note["scene"], f"{path}: scene")
         run = msgspec.convert(note["run"], Run)
         status, message = str(note["status"]), str(note["message"])
-        names, repairs = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
+        names, adjustments = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
         stats, made_with = dict(note["stats"]), dict(note["versions"])
     except (KeyError, TypeError, ValueError) as error:
         raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
-    mechanism = build(scene)
-    dynamics = Dynamics(mechanism, run.knife_edge, run.gain, run=run)
-    references = arrays["t"].size if dynamics.reads_angles or names else 1
-    samples, works = arrays["t"].size, len(dynamics.work_names) + len(set(names) - set(dynamics.work_names))
+    system = make_system(build(scene), run, inputs=names or None)
+    layout, samples = system.mechanism.layout, arrays["t"].size
+    branches = samples if system.reads_angles or len(arrays["branch"]) != 1 else 1
     shapes = {
-        "t": (samples,), "q": (samples, dynamics.nq), "v": (samples, dynamics.nv), "work": (samples, works),
-        "asked": (samples, len(names)), "reference": (references, len(mechanism.layout.names)),
+        "t": (samples,), "q": (samples, layout.nq), "v": (samples, layout.nv), "work": (samples, len(system.work_names)),
+        "inputs": (samples, len(names)), "branch": (branches, len(layout.names)),
     }  # fmt: skip
     for name, shape in shapes.items():
-        if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
-            raise TrajectoryError(f"{path}: {name} is damaged: shape {arrays[name].shape} where its scene needs {shape}, finite")
+        bad = ~np.isfinite(arrays[name]) & ~(np.isnan(arrays[name]) & (name == "inputs"))  # not known: nan
+        if arrays[name].shape != shape or bad.any():
+            what = f"shape {arrays[name].shape} where its scene needs {shape}, finite"
+            raise TrajectoryError(f"{path}: {ARRAYS[name]} is damaged: {what}")
     if not samples or (np.diff(arrays["t"]) <= 0.0).any():
         raise TrajectoryError(f"{path}: t is damaged: times must ascend")
-    if not all(pin.isNormalized(mechanism.model, q, 1e-6) for q in arrays["q"]):
+    if not all(pin.isNormalized(system.mechanism.model, q, 1e-6) for q in arrays["q"]):
         raise TrajectoryError(f"{path}: q is damaged: its quaternions do not have length 1")
-    t, q, v, work, asked, reference = (arrays[name] for name in ARRAYS)
-    return Trajectory(
-        mechanism, t, q, v, work, asked, names, reference, run, status, message, repairs, stats, made_with
+    t, q, v, work, inputs, branch = (arrays[name] for name in ARRAYS)
+    made = Trajectory(
+        system.mechanism, t, q, v, work, inputs, names, branch, run, status, message, adjustments, stats, made_with
     )
+    made.__dict__["system"] = system
+    return made

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RowInfo:
+class Constraint:
     """What is known of a row before any motion."""
 
     text: str  # its key in results: its name, else its equation
@@ -36,6 +36,7 @@ class RowInfo:
     names: frozenset[str]
     working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
     azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
+    swings: frozenset[int] = frozenset()  # links whose azimuth it reads: none of them may stand at the pole
 
 
 class RowValues(NamedTuple):
@@ -47,8 +48,8 @@ class RowValues(NamedTuple):
     drift: Array
 
 
-class Rows:
-    """Compiled rows, and the forces conjugate to coordinates. Evaluating needs up-to-date frames (crba in WORLD convention).
+class ConstraintSet:
+    """Compiled rows, and the forces conjugate to coordinates; never changed. Evaluating needs up-to-date frames.
 
     Ideal rows that equate two azimuths are taken in their regular form, cos psi sin(phi_i - phi_j) = 0 through the
     directions, which has no pole. `pushed` are (coordinate, scale): their rows of L times the scale stand below W.
@@ -57,7 +58,6 @@ class Rows:
     def __init__(
         self,
         mechanism: Mechanism,
-        frames: LinkFrames,
         texts: Sequence[tuple[str, str, bool]],
         pushed: Sequence[tuple[str, float]] = (),
     ) -> None:
@@ -73,35 +73,49 @@ class Rows:
         self.count = len(self.info)
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
         used = _used(symbols, residuals)
-        self.motion = Motion(symbols, frames, [*used, *(name for name, _ in pushed if name not in used)])
+        self.motion = Motion(symbols, [*used, *(name for name, _ in pushed if name not in used)])
         self.function, self.places, self.constants = _compile(symbols, residuals, self.info, used, self.motion, pushed)
-        self.matrix = np.zeros((self.count + len(pushed), mechanism.layout.nv))
+        self.matrix = np.zeros((self.count + len(pushed), mechanism.layout.nv))  # with the entries that never change
         for place, value in self.constants.items():
             self.matrix[place] = value
+        self.matrix.flags.writeable = False
         self.size = 3 * self.count + len(self.places)
         self.varying = np.array([row * mechanism.layout.nv + at for row, at in self.places], dtype=np.intp)
 
-    def numbers(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> Array:
+    def numbers(self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float]) -> Array:
         """Return z, z', drift of z' (3 r), then the entries at `places`, (row, velocity), of W and what stands below it.
 
         Entries that never change are in `constants`. All is nan where an equation has no value.
         """
-        return np.fromiter(self.function(*self.motion.numbers(t, q, v, reference)), float, self.size)
+        return np.fromiter(self.function(*self.motion.numbers(frames, t, q, v, branch)), float, self.size)
 
-    def evaluate(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> RowValues:
-        """Evaluate all rows at a state. Raises SimulationError where an equation has no finite value."""
-        numbers, count = self.numbers(t, q, v, reference), self.count
-        self.require_finite(numbers)
-        self.matrix.put(self.varying, numbers[3 * count :])
-        return RowValues(numbers[:count], numbers[count : 2 * count], self.matrix[:count].copy(), numbers[2 * count : 3 * count])
+    def evaluate(
+        self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float], rows: Sequence[int] | None = None
+    ) -> RowValues:
+        """Evaluate all rows, or some by number, at a state whose frames are up to date; angles near `branch`.
 
-    def require_finite(self, numbers: Array) -> None:
-        """Raise SimulationError naming the rows without a finite value."""
+        Raises SimulationError where an equation has no finite value, SingularError where one reads an azimuth at the pole.
+        """
+        chosen, count = list(range(self.count) if rows is None else rows), self.count
+        needed: frozenset[int] = frozenset().union(*(self.info[k].swings for k in chosen))
+        read = self.motion.numbers(frames, t, q, v, branch, needed)
+        numbers = np.fromiter(self.function(*read), float, self.size)
+        self.require_finite(numbers, chosen)
+        matrix = self.matrix.copy()
+        matrix.put(self.varying, numbers[3 * count :])
+        z, rate, drift = numbers[: 3 * count].reshape(3, -1)[:, chosen]
+        return RowValues(z, rate, matrix[chosen], drift)
+
+    def require_finite(self, numbers: Array, rows: Sequence[int] | None = None) -> None:
+        """Raise SimulationError naming the rows, of all or of some by number, without a finite value."""
         if not np.isfinite(numbers).all():
             bad = np.flatnonzero(~np.isfinite(numbers[: 3 * self.count]).reshape(3, -1).all(axis=0)).tolist()
             entries = zip(self.places, numbers[3 * self.count :].tolist(), strict=True)
             bad += [row for (row, _), entry in entries if not math.isfinite(entry)]
-            named = " and ".join(repr(self.texts[k]) for k in sorted(set(bad)) if k < self.count)
+            if rows is not None and not set(rows).intersection(bad):
+                return
+            asked = range(self.count) if rows is None else rows
+            named = " and ".join(repr(self.texts[k]) for k in sorted(set(bad).intersection(asked)))
             raise SimulationError(f"the equation {named or ', '.join(map(repr, self.texts))} has no finite value here")
 
 
@@ -131,7 +145,7 @@ def _flat(symbols: Symbols, name: str) -> tuple[Any, Any]:
     return x, y
 
 
-def _classify(symbols: Symbols, row: Row, equation: Equation, residual: Any, ideal: bool) -> RowInfo:
+def _classify(symbols: Symbols, row: Row, equation: Equation, residual: Any, ideal: bool) -> Constraint:
     free = residual.free_symbols
     values = {symbols.value[name] for name in symbols.value}
     rates = {symbols.rate[name] for name in symbols.rate}
@@ -143,7 +157,9 @@ def _classify(symbols: Symbols, row: Row, equation: Equation, residual: Any, ide
     azimuths = _azimuths(symbols, equation) if ideal else None
     driven = residual.diff(symbols.time) if holonomic else residual - sum(residual.diff(rate) * rate for rate in free & rates)
     working = symbols.sympy.expand(driven) != 0
-    return RowInfo(row.name, holonomic, bool(angle), equation.names, working, azimuths)
+    read = {name for name in symbols.variables if {symbols.value[name], symbols.rate[name]} & free}
+    swings = {symbols.variables[name].link for name in read if symbols.variables[name].kind == "phi"}
+    return Constraint(row.name, holonomic, bool(angle), equation.names, working, azimuths, frozenset(swings))
 
 
 def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:
@@ -152,7 +168,7 @@ def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:
 
 
 def _compile(
-    symbols: Symbols, residuals: Sequence[Any], info: Sequence[RowInfo], used: Sequence[str], motion: Motion,
+    symbols: Symbols, residuals: Sequence[Any], info: Sequence[Constraint], used: Sequence[str], motion: Motion,
     pushed: Sequence[tuple[str, float]],
 ) -> tuple[Callable[..., tuple[float, ...]], list[tuple[int, int]], dict[tuple[int, int], float]]:  # fmt: skip
     """One scalar function giving z, z', drift of z' and the varying entries of W; their places; the constant entries."""

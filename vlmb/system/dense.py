@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from vlmb.model.mechanism import Mechanism
-from vlmb.system.constrained import SIDEWAYS, ConstrainedSystem
-from vlmb.system.diagnostics import HUGE, Faults
-from vlmb.system.forces import Actuation
+from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
+from vlmb.system.diagnostics import HUGE, Diagnostics
+from vlmb.system.forces import ForceWriter
 from vlmb.system.frames import LinkFrames
 from vlmb.system.prescribed import Prescribed
 from vlmb.system.springs import DirectionSpring, SegmentSprings, apply_springs
@@ -37,20 +37,20 @@ class Dense:
         frames: LinkFrames,
         springs: SegmentSprings,
         direction_springs: Sequence[DirectionSpring],
-        actuation: Actuation,
-        system: ConstrainedSystem,
+        applied: ForceWriter,
+        solver: ConstraintSolver,
         prescribed: Sequence[Prescribed],
         projecting: bool,
         work_names: Sequence[str],
+        branch: list[float],
         calls: list[int],
-        faults: Faults,
+        diagnostics: Diagnostics,
     ) -> None:
         self.mechanism, self.frames, self.springs, self.direction_springs = mechanism, frames, springs, direction_springs
-        self.actuation, self.system, self.prescribed, self.projecting = actuation, system, prescribed, projecting
-        self.work_names, self.calls, self.faults = work_names, calls, faults
+        self.applied, self.solver, self.prescribed, self.projecting = applied, solver, prescribed, projecting
+        self.work_names, self.branch, self.calls, self.diagnostics = work_names, branch, calls, diagnostics
         self.damped = "dissipation" in work_names
-        self.forced = bool(direction_springs or actuation.needed)
-        self.reference: list[float] = []  # coordinates of the last accepted sample
+        self.forced = bool(direction_springs or applied.forces.needed)
         self._lost = 0.0  # power in the direction dampers [W]
 
     def forces(self, t: float, y: Array, q: Array, v: Array, tau: Array) -> None:
@@ -60,12 +60,12 @@ class Dense:
         self.springs.write(y, tau)
         if self.direction_springs:
             self._lost = apply_springs(self.direction_springs, self.frames, v, tau)
-        if self.actuation.needed:
-            self.actuation.add(t, q, v, tau, self.reference)
+        if self.applied.forces.needed:
+            self.applied.add(t, q, v, tau, self.branch)
 
     def project(self, q: Array, v: Array) -> None:
         """Subtract M^-1 e_y v_y / (M^-1)_yy: the velocity nearest in kinetic energy that obeys the knife edge."""
-        mass = np.asfortranarray(pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD))
+        mass = np.asfortranarray(self.frames.update(q))
         unit = np.zeros(len(v))
         unit[SIDEWAYS] = 1.0
         for at in self.prescribed:
@@ -73,7 +73,7 @@ class Dense:
             mass[at.v, at.v] = 1.0
         _, answer, info = lapack.dposv(mass, unit, overwrite_a=1)
         if info:
-            raise self.faults.singular(q)
+            raise self.diagnostics.singular(q)
         v -= answer * (v[SIDEWAYS] / answer[SIDEWAYS])
         v[SIDEWAYS] = 0.0
 
@@ -82,18 +82,18 @@ class Dense:
 
         The tangent map is linear in a quaternion, so the raw one brings its norm along; the ski's x and y lose it again.
         """
-        layout, model, data = self.mechanism.layout, self.mechanism.model, self.mechanism.data
+        layout, model, data = self.mechanism.layout, self.mechanism.model, self.frames.data
         nq, nv, end, size = layout.nq, layout.nv, layout.nq + layout.nv, layout.nq + layout.nv + len(self.work_names)
         crba, nle, normalize, world = pin.crba, pin.nonLinearEffects, pin.normalize, pin.Convention.WORLD
         product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
         subtract, hypot, calls = np.subtract, math.hypot, self.calls
         dy, tau, accelerations = np.zeros(size), np.zeros(nv), np.zeros(nv)
         qdot, vdot, planar = dy[:nq], dy[nq:end], nq == nv  # planar: no quaternions, and rates are velocities
-        prescribed, known, projecting = self.prescribed, self.system.known, self.projecting
+        prescribed, known, projecting = self.prescribed, self.solver.prescribed_dofs, self.projecting
         flat, (crossed, identity) = mass.ravel(order="K"), cross_of(known, nv)
         on_ski, last = layout.base == "ski", nv - 1
-        constrained, system, forces, faults = self.system.needed, self.system, self.forces, self.faults
-        rows, working, powers = np.zeros((len(prescribed), nv)), bool(self.work_names), self._powers()
+        constrained, solver, forces, diagnostics = self.solver.needed, self.solver, self.forces, self.diagnostics
+        rows, working, powers, branch = np.zeros((len(prescribed), nv)), bool(self.work_names), self._powers(), self.branch
 
         def rhs(t: float, y: Array) -> Array:
             calls[0] += 1
@@ -121,18 +121,18 @@ class Dense:
             if known:
                 flat[crossed] = identity
             if constrained:
-                answer = system.solve(t, q, v, b, accelerations if prescribed else None, self.reference)
+                answer = solver.solve(t, q, v, b, accelerations if prescribed else None, branch)
                 if answer is None:
-                    raise faults.singular(q)
+                    raise diagnostics.singular(q)
                 if prescribed:
-                    missing -= system.on_known()
+                    missing -= solver.on_prescribed()
             else:
                 answer, info = dposv(mass, b, 0, 1, 1)[1:]  # both overwritten
                 if info:
-                    raise faults.singular(q)
+                    raise diagnostics.singular(q)
             vdot[...] = answer
             if not -HUGE < answer.item(0) + answer.item(last) < HUGE:  # nan and infinity spread to both
-                raise faults.not_finite(q, v, tau)
+                raise diagnostics.not_finite(q, v, tau)
             qdot[...] = v if planar else product(model, raw, v)
             if on_ski:
                 norm = hypot(raw.item(2), raw.item(3))
@@ -146,18 +146,18 @@ class Dense:
 
     def _powers(self) -> Callable[[Array, Array, Array, Array, Array, Array], None]:
         """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""
-        names, start, actuation = self.work_names, self.mechanism.layout.nq + self.mechanism.layout.nv, self.actuation
-        slots = [start + names.index(channel.name) for channel in actuation.channels]
-        system, springs = self.system, self.springs
-        controlled = system.acting + len(system.working)  # their work states come first
+        names, start, applied = self.work_names, self.mechanism.layout.nq + self.mechanism.layout.nv, self.applied
+        slots = [start + names.index(channel.name) for channel in applied.channels]
+        solver, springs = self.solver, self.springs
+        controlled = solver.n_controls + len(solver.working)  # their work states come first
         driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
 
         def powers(y: Array, v: Array, vdot: Array, rows: Array, missing: Array, dy: Array) -> None:
             dy[start:] = 0.0
             if controlled:
-                dy[start : start + controlled] = system.powers(v)
+                dy[start : start + controlled] = solver.powers(v)
             if slots:
-                for slot, value, rate in zip(slots, actuation.values, actuation.columns.dot(v), strict=True):
+                for slot, value, rate in zip(slots, applied.values, applied.columns.dot(v), strict=True):
                     dy[slot] += value * rate
             for row, (slot, at) in enumerate(driven):
                 dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]

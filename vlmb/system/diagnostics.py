@@ -1,4 +1,4 @@
-"""Faults: why a right-hand side has no answer, as errors that name what is singular or not finite."""
+"""Diagnostics: why a right-hand side has no answer, as errors that name what is singular or not finite."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.model.coordinates import Layout
 from vlmb.model.mechanism import Mechanism
-from vlmb.system.constrained import ConstrainedSystem
-from vlmb.system.forces import Actuation
+from vlmb.system.constrained import ConstraintSolver
+from vlmb.system.forces import ForceWriter
+from vlmb.system.frames import LinkFrames
 from vlmb.system.subchains import SubChains
 
 Array = NDArray[np.float64]
@@ -21,13 +22,14 @@ SOUND = 1e12  # condition of the scaled mass matrix below which it is not what f
 HUGE = 1e100  # an acceleration or velocity beyond this is no number to go on with
 
 
-class Faults:
+class Diagnostics:
     """Finds the cause of a failed evaluation; costs nothing until asked."""
 
     def __init__(
-        self, mechanism: Mechanism, actuation: Actuation, system: ConstrainedSystem, subchains: SubChains | None
-    ) -> None:
-        self.mechanism, self.actuation, self.system, self.subchains = mechanism, actuation, system, subchains
+        self, mechanism: Mechanism, frames: LinkFrames, applied: ForceWriter, solver: ConstraintSolver,
+        subchains: SubChains | None,
+    ) -> None:  # fmt: skip
+        self.mechanism, self.frames, self.applied, self.solver, self.subchains = mechanism, frames, applied, solver, subchains
 
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
         """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
@@ -37,7 +39,7 @@ class Faults:
         model = self.mechanism.model
         if self.subchains is not None:
             return self.subchains.conditioning(pin.normalize(model, q))
-        mass = np.array(pin.crba(model, self.mechanism.data, pin.normalize(model, q)))
+        mass = np.array(pin.crba(model, self.frames.data, pin.normalize(model, q)))
         if not np.isfinite(mass).all():
             return math.inf, ["every coordinate"]
         scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))
@@ -59,9 +61,9 @@ class Faults:
 
     def not_finite(self, q: Array, v: Array, tau: Array) -> VlmbError:
         """Say which quantity is not finite."""
-        self.system.require_finite()
-        names, acting = velocity_names(self.mechanism.layout), self.actuation
-        for law, channel, value in zip(acting.laws, acting.channels, acting.values.tolist(), strict=False):
+        self.solver.require_finite()
+        names, applied = velocity_names(self.mechanism.layout), self.applied
+        for law, channel, value in zip(applied.laws, applied.channels, applied.values.tolist(), strict=False):
             if not math.isfinite(value):
                 return SimulationError(f"the law {law.text!r} of the force on {channel.name} has no finite value")
         for what, values in (("force", tau), ("velocity", v)):

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SimulationError, SingularError
 from vlmb.model.coordinates import POLE, read_angles, read_coordinates
+from vlmb.model.frozen import read_only
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.reading import Postures
@@ -24,11 +26,11 @@ from vlmb.scene.laws import Law, time_law
 from vlmb.system.frames import LinkFrames, Vector, between
 
 Array = NDArray[np.float64]
-Control = Callable[[float, "View"], Mapping[str, float]]
+Control = Callable[[float, "StateView"], Mapping[str, float]]
 
 
-def column(channel: GeneralizedForce, frames: LinkFrames, reference: Sequence[float], out: Array) -> Array:
-    """Write into `out` (nv,) the tau of a unit force in a channel; `reference` holds the last accepted coordinates.
+def column(channel: GeneralizedForce, frames: LinkFrames, branch: Sequence[float], out: Array) -> Array:
+    """Write into `out` (nv,) the tau of a unit force in a channel; `branch` holds the last accepted coordinates.
 
     Raises SingularError at the pole of M_phi, and for a hinge torque between lined-up links.
     """
@@ -58,7 +60,7 @@ def column(channel: GeneralizedForce, frames: LinkFrames, reference: Sequence[fl
         frames.torque(parent, (-axis[0], -axis[1], -axis[2]), out)
     else:
         at = layout.index[f"psi{i + 1}"]
-        phi, psi = read_angles(frames.direction(i), (reference[at - 1], reference[at]))
+        phi, psi = read_angles(frames.direction(i), (branch[at - 1], branch[at]))
         frames.torque(i, moment(channel, phi, psi), out)
     return out
 
@@ -77,16 +79,23 @@ def moment(channel: GeneralizedForce, phi: float, psi: float) -> Vector:
     return -cos_phi * sin_psi / cos_psi, -sin_phi * sin_psi / cos_psi, 1.0
 
 
-class View:
-    """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, points such as `legs.tip.z`."""
+class StateView:
+    """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, points such as `legs.tip.z`.
 
-    def __init__(self, mechanism: Mechanism, t: float, q: Array, v: Array, reference: Array | None) -> None:
-        self.mechanism, self.t, self.q, self.v = mechanism, t, q, v
+    `q`, `v` and `values` are read-only copies.
+    """
+
+    def __init__(self, mechanism: Mechanism, t: float, q: Array, v: Array, branch: Sequence[float] | None) -> None:
+        self.mechanism, self.t = mechanism, t
+        self.q, self.v = read_only(np.array(q)), read_only(np.array(v))
         layout = mechanism.layout
-        self.coordinates, self.rates = read_coordinates(layout, q, v, reference)
-        self.values: dict[str, float] = {"t": t, **mechanism.scene.parameters}
-        for name, value, rate in zip(layout.names, self.coordinates.tolist(), self.rates.tolist(), strict=True):
-            self.values[name], self.values[f"{name}_dot"] = value, rate
+        near = None if branch is None else np.array(branch)
+        values, rates = read_coordinates(layout, self.q, self.v, near)
+        named: dict[str, float] = {"t": t, **mechanism.scene.parameters}
+        for name, value, rate in zip(layout.names, values.tolist(), rates.tolist(), strict=True):
+            named[name], named[f"{name}_dot"] = value, rate
+        self.coordinates, self.rates = read_only(values), read_only(rates)
+        self.values: Mapping[str, float] = MappingProxyType(named)
 
     def __getitem__(self, name: str) -> float:
         if name in self.values:
@@ -104,67 +113,87 @@ class View:
         return self.mechanism.position((self.q, self.v), link, point)
 
 
-class Actuation:
-    """Applied forces: which channels, their values now, and the tau they make. Work is counted per name."""
+@dataclass(frozen=True)
+class AppliedForces:
+    """Which generalized forces act: those of laws, then the inputs, forces whose values come from outside, as of a control."""
 
-    def __init__(self, mechanism: Mechanism, frames: LinkFrames, control: Control | None, start: View | None) -> None:
-        layout, scene = mechanism.layout, mechanism.scene
-        self.mechanism, self.frames, self.control = mechanism, frames, control
-        self.channels: list[GeneralizedForce] = []
-        self.laws: list[Law] = []
-        for index, force in enumerate(scene.forces):
-            if force.on is not None and force.law is not None:
-                self.channels.append(mechanism.names.force(force.on, f"forces[{index}].on"))
-                self.laws.append(time_law(force.law, scene.parameters, f"forces[{index}].law"))
-        self.asked: list[str] = []
-        if control is not None and start is not None:
-            self.asked = list(_asked(control, start.t, start))
-            self.channels += [mechanism.names.force(name, "control") for name in self.asked]
-        self.needed = bool(self.channels) or control is not None
+    channels: tuple[GeneralizedForce, ...]
+    laws: tuple[Law, ...]
+    inputs: tuple[str, ...] | None  # None: nothing comes from outside
+
+    @property
+    def needed(self) -> bool:
+        """Whether there is any; a control may give none at first and be refused later."""
+        return bool(self.channels) or self.inputs is not None
+
+
+def applied_forces(mechanism: Mechanism, inputs: Sequence[str] | None) -> AppliedForces:
+    """Collect a scene's forces and the named inputs. Raises SceneError for a force that cannot exist."""
+    scene = mechanism.scene
+    found: list[GeneralizedForce] = []
+    laws: list[Law] = []
+    for index, force in enumerate(scene.forces):
+        if force.on is not None and force.law is not None:
+            found.append(mechanism.names.force(force.on, f"forces[{index}].on"))
+            laws.append(time_law(force.law, scene.parameters, f"forces[{index}].law"))
+    found += [mechanism.names.force(name, "control") for name in inputs or ()]
+    return AppliedForces(tuple(found), tuple(laws), None if inputs is None else tuple(inputs))
+
+
+class ForceWriter:
+    """Writes applied forces into tau; `values` and `columns` are those of the last instant. Work is counted per name.
+
+    Inputs come from the control, or are those that `held` has; unknown ones are nan.
+    """
+
+    def __init__(self, mechanism: Mechanism, forces: AppliedForces, frames: LinkFrames, control: Control | None) -> None:
+        self.mechanism, self.forces, self.frames, self.control = mechanism, forces, frames, control
+        self.channels, self.laws, self.inputs = forces.channels, forces.laws, forces.inputs or ()
+        self.held = [math.nan] * len(self.inputs)
+        self.failure: BaseException | None = None  # what the control raised
         self.values = np.zeros(len(self.channels))
-        self.columns = np.zeros((len(self.channels), layout.nv))
+        self.columns = np.zeros((len(self.channels), mechanism.layout.nv))
         self.constant = all(channel.kind == "axis" for channel in self.channels)
         if self.constant:
             self._write_columns(())
 
-    def add(self, t: float, q: Array, v: Array, tau: Array, reference: Sequence[float]) -> None:
-        """Add the tau of every applied force; the frames must be up to date (crba in WORLD convention).
+    def add(self, t: float, q: Array, v: Array, tau: Array, branch: Sequence[float]) -> None:
+        """Add the tau of every applied force; the frames must be up to date.
 
-        `reference` holds the last accepted coordinates: angles are read on the branch nearest to them.
+        Angles are read on the branch nearest to `branch`.
         """
         for at, law in enumerate(self.laws):
             self.values[at] = law.value(t)
-        if self.control is not None:
-            self.values[len(self.laws) :] = self._ask(t, q, v, reference)
+        if self.forces.inputs is not None:
+            self.values[len(self.laws) :] = self.held if self.control is None else self.ask(t, q, v, branch)
         if not self.constant:
-            self._write_columns(reference)
+            self._write_columns(branch)
         tau += self.values.dot(self.columns)
 
-    def _write_columns(self, reference: Sequence[float]) -> None:
+    def _write_columns(self, branch: Sequence[float]) -> None:
         for at, channel in enumerate(self.channels):
-            column(channel, self.frames, reference, self.columns[at])
+            column(channel, self.frames, branch, self.columns[at])
 
-    def _ask(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> list[float]:
-        values = self.answer(t, View(self.mechanism, t, q.copy(), v.copy(), np.asarray(reference)))
-        pin.crba(self.mechanism.model, self.mechanism.data, q, pin.Convention.WORLD)  # a view may have moved the frames
-        return values
-
-    def answer(self, t: float, view: View) -> list[float]:
-        """Ask the control callable; its forces in the order of the first call, 0 for one it leaves out."""
-        answer = _asked(self.control, t, view)
+    def ask(self, t: float, q: Array, v: Array, branch: Sequence[float]) -> list[float]:
+        """Ask the control; its forces in the order of `inputs`, 0 for one it leaves out."""
+        try:
+            answer = answer_of(self.control, StateView(self.mechanism, t, q, v, branch))
+        except BaseException as error:
+            self.failure = error
+            raise
         for name in answer:
-            if name not in self.asked:
-                first = ", ".join(self.asked) or "none"
+            if name not in self.inputs:
+                first = ", ".join(self.inputs) or "none"
                 raise SceneError(f"control: {name!r} was not among the forces of the first call ({first}): name it there, with 0")
-        values = [answer.get(name, 0.0) for name in self.asked]
+        values = [answer.get(name, 0.0) for name in self.inputs]
         if not all(map(math.isfinite, values)):
             raise SimulationError(f"control returned a non-finite force: {answer}; its law must stay finite")
         return values
 
 
-def _asked(control: Control | None, t: float, view: View) -> dict[str, float]:
+def answer_of(control: Control | None, view: StateView) -> dict[str, float]:
     """Call a control and check what it returns: None, or numbers by name."""
-    answer = None if control is None else control(t, view)
+    answer = None if control is None else control(view.t, view)
     if answer is None:
         return {}
     if not isinstance(answer, Mapping):

@@ -1,42 +1,57 @@
-"""Live view of the link frames in pinocchio.Data: directions, angular velocities, torques."""
+"""The link frames of one posture: directions, angular velocities, torques, in scratch space of their own."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.memory import make_data
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
 class LinkFrames:
-    """Live view of link directions and Jacobians in `pinocchio.Data`, valid after crba in WORLD convention."""
+    """Link directions and Jacobians at the posture of the last `update`, or crba in WORLD convention, in `data`.
+
+    That pinocchio.Data is made when first needed: a chain cut into sub-chains runs without it.
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.layout = mechanism, mechanism.layout
         self.balls = np.array([link.v for link in self.layout.links], dtype=np.intp)
 
     @cached_property
+    def data(self) -> Any:
+        """Scratch space. Raises VlmbError where it does not fit in memory."""
+        return make_data(self.mechanism.model)
+
+    def update(self, q: Array) -> Any:
+        """Go to a posture (nq,); return its mass matrix, upper half."""
+        return pin.crba(self.mechanism.model, self.data, q, pin.Convention.WORLD)
+
+    @cached_property
     def angular(self) -> Array:
         """Axes of all velocities in the surface frame (3, nv)."""
-        angular: Array = self.mechanism.data.J[3:6]
+        angular: Array = self.data.J[3:6]
         return angular
 
     @cached_property
     def axes(self) -> list[Array]:
         """Rotations of the links' hinges."""
-        return [self.mechanism.data.oMi[link.joint].rotation for link in self.layout.links]
+        return [self.data.oMi[link.joint].rotation for link in self.layout.links]
 
     @cached_property
     def ski(self) -> Array:
         """Rotation of the ski; the identity for another base."""
-        ski: Array = self.mechanism.data.oMi[1].rotation if self.layout.base == "ski" else np.eye(3)
+        ski: Array = self.data.oMi[1].rotation if self.layout.base == "ski" else np.eye(3)
         return ski
 
     @cached_property

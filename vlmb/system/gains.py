@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
-from vlmb.scene.tables import Programme
+from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 
 Array = NDArray[np.float64]
 
@@ -113,6 +113,18 @@ def _rk4_limit(value: complex) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if growth(middle) < 1.0 else (low, middle)
     return low
+
+
+def require_decay(run: Run) -> None:
+    """Refuse a gain under which errors of ideal rows would grow at the step of a fixed-step method."""
+    if not run.gain > 0.0 or run.method not in FIXED_STEP:
+        return
+    limit, step = largest_stable_step(np.array([-run.gain], dtype=complex), run.method), run.step or DEFAULT_STEP
+    if step >= limit:
+        raise SceneError(
+            f"run.gain = {run.gain:g} 1/s: with method {run.method!r} errors of ideal rows grow at step "
+            f"{step:g} s; the largest stable step is {limit:.6g} s: reduce gain or step"
+        )
 
 
 def stability_report(h: Array, k: Array, holonomic: Sequence[bool], method: str, step: float, gains: str | None = None) -> str:

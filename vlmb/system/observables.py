@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -177,7 +177,7 @@ class Motion:
     b' = N_b . omega, so that L_b = N_b . (axes of the balls on the link's path, and of the ski's yaw).
     """
 
-    def __init__(self, symbols: Symbols, frames: LinkFrames, names: Sequence[str]) -> None:
+    def __init__(self, symbols: Symbols, names: Sequence[str]) -> None:
         layout = symbols.layout
         self.symbols, self.layout, self.names = symbols, layout, tuple(names)
         self.steps: dict[Any, Any] = {}
@@ -192,7 +192,7 @@ class Motion:
         self.azimuths = {i for i in self.angled if f"phi{i + 1}" in turning}  # those that have no azimuth at the pole
         balls = [layout.links[i].v for i in self.chain]
         first, end = min(balls, default=0), max(balls, default=-3) + 3
-        self.axes = frames.angular[:, first:end]  # live, in the surface frame
+        self.span = slice(first, end)  # of all velocities: where the balls of the chain are
         self.places = {i: layout.links[i].v - first for i in self.chain}
         self.q, self.v = self._symbols("q", layout.nq), self._symbols("v", layout.nv)
         columns = [self._symbols(f"e{axis}", end - first) for axis in AXES]
@@ -206,25 +206,30 @@ class Motion:
                 self._plain(name, b)
         self._turn(turning)
 
-    def numbers(self, t: float, q: Array, v: Array, reference: Sequence[float]) -> list[float]:
-        """Read the arguments at a state; angles near `reference`. The frames must be up to date (crba in WORLD convention)."""
+    def numbers(
+        self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float], needed: Container[int] | None = None
+    ) -> list[float]:
+        """Read the arguments at a state whose frames are up to date; angles on the branch nearest to `branch`.
+
+        Raises SingularError for an azimuth at the pole; with `needed`, of those links alone.
+        """
         qs = q.tolist()
         found = [t, *qs, *v.tolist()]
         xs: list[float] = []
         if self.chain:
-            xs, ys, zs = self.axes.tolist()
+            xs, ys, zs = frames.angular[:, self.span].tolist()
             found += xs
             found += ys
             found += zs
         if self.headed:
-            near = reference[2]
+            near = branch[2]
             found.append(near + math.remainder(math.atan2(qs[3], qs[2]) - near, math.tau))
         for i in self.angled:
             k, at = self.places[i], self.layout.index[f"psi{i + 1}"]
             x, y = xs[k], ys[k]
-            if i in self.azimuths and x * x + y * y < POLE * POLE:
+            if i in self.azimuths and x * x + y * y < POLE * POLE and (needed is None or i in needed):
                 raise self._no_azimuth(i)
-            found += read_angles((x, y, zs[k]), (reference[at - 1], reference[at]))
+            found += read_angles((x, y, zs[k]), (branch[at - 1], branch[at]))
         return found
 
     def covector(self, slopes: Mapping[str, Any]) -> dict[int, Any]:

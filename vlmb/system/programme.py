@@ -7,6 +7,7 @@ u = u_nu + Z w: u_nu is the solution of least weighted norm, R^-1 G^T (G R^-1 G^
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
@@ -19,7 +20,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.scene.laws import Law, time_law
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
-from vlmb.system.constraints import RowInfo
+from vlmb.system.constraints import Constraint, ConstraintSet
 from vlmb.system.gains import gain_matrices, stability_report
 
 Array = NDArray[np.float64]
@@ -29,44 +30,21 @@ SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this i
 WEAK = 1e-3  # of the smallest singular value at the start: where a run fails, this is why
 
 
-class ProgrammeControl:
-    """The programme of a scene: its controls, gains and law. The rows are evaluated by the dynamics."""
+@dataclass(frozen=True, eq=False)
+class ProgrammePlan:
+    """What is known of a programme before any motion: its controls, gains and law."""
 
-    def __init__(self, mechanism: Mechanism, rows: Sequence[RowInfo], second: Sequence[RowInfo], run: Run) -> None:
-        scene = mechanism.scene
-        programme = scene.programme
-        assert programme is not None
-        self.texts = tuple(row.text for row in rows)
-        self.channels = control_channels(mechanism)
-        self.names = tuple(channel.name for channel in self.channels)
-        if len(rows) > len(self.channels):
-            raise SceneError(
-                f"programme: {len(rows)} rows need at least as many controls; there are {len(self.channels)} "
-                f"({', '.join(self.names)}); name more of {', '.join(mechanism.names.forces)}"
-            )
-        self.scales = control_scales(mechanism, self.channels)
-        step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
-        self.holonomic = np.array([row.holonomic for row in rows], dtype=bool)
-        self.h, self.k = gain_matrices(programme, self.holonomic.tolist(), own_rate(mechanism), step)
-        self.decay = stability_report(self.h, self.k, self.holonomic.tolist(), run.method, step or 0.0, programme.gains)
-        self.effect = np.zeros((len(rows), len(self.channels)))  # G of the last solution, in the scales of the controls
-        self.side = 0.0  # sign of det G at the last accepted sample, where G is square
-        self.repeating = False  # whether rows repeated each other, or an ideal constraint, in the last solution
-        self.grip = 0.0  # smallest singular value of G at the first accepted sample
-        self.free: Law | None = None
-        if programme.u0 is not None:
-            if len(self.channels) != len(rows) + 1:
-                raise SceneError(
-                    "programme.u0: u_tau of (5.6) is one vector only for one control more than rows; here are "
-                    f"{len(self.channels)} controls and {len(rows)} rows: use `secondary`"
-                )
-            self.free = time_law(programme.u0, scene.parameters, "programme.u0")
-        self.second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
-        if second:
-            own = _secondary_gains(programme)
-            self.second_h, self.second_k = gain_matrices(own, self.second_holonomic.tolist(), own_rate(mechanism), step)
-        else:
-            self.second_h = self.second_k = np.zeros((0, 0))
+    texts: tuple[str, ...]  # of the rows
+    names: tuple[str, ...]  # of the controls
+    scales: Array  # (S,) of the controls
+    holonomic: NDArray[np.bool_]
+    h: Array  # (r, holonomic rows)
+    k: Array  # (r, r)
+    decay: str  # how errors decay
+    free: Law | None  # u0
+    second_holonomic: NDArray[np.bool_]
+    second_h: Array
+    second_k: Array
 
     def gains(self) -> tuple[Array, Array]:
         """Return H and K of (5.5) over all rows, r x r: columns of H for velocity rows are 0."""
@@ -76,6 +54,64 @@ class ProgrammeControl:
         """Return the same for the secondary rows."""
         return _spread(self.second_h, self.second_holonomic), self.second_k
 
+
+def make_plan(
+    mechanism: Mechanism, programme: Programme, rows: Sequence[Constraint], second: Sequence[Constraint], run: Run
+) -> ProgrammePlan:
+    """Choose gains and check them. Raises SceneError for too few controls, and for gains under which errors would grow."""
+    scene = mechanism.scene
+    acting = control_channels(mechanism)
+    names = tuple(channel.name for channel in acting)
+    if len(rows) > len(acting):
+        raise SceneError(
+            f"programme: {len(rows)} rows need at least as many controls; there are {len(acting)} "
+            f"({', '.join(names)}); name more of {', '.join(mechanism.names.forces)}"
+        )
+    step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
+    holonomic = np.array([row.holonomic for row in rows], dtype=bool)
+    h, k = gain_matrices(programme, holonomic.tolist(), own_rate(mechanism), step)
+    decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
+    free: Law | None = None
+    if programme.u0 is not None:
+        if len(acting) != len(rows) + 1:
+            raise SceneError(
+                "programme.u0: u_tau of (5.6) is one vector only for one control more than rows; here are "
+                f"{len(acting)} controls and {len(rows)} rows: use `secondary`"
+            )
+        free = time_law(programme.u0, scene.parameters, "programme.u0")
+    second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
+    second_h = second_k = np.zeros((0, 0))
+    if second:
+        second_h, second_k = gain_matrices(_secondary_gains(programme), second_holonomic.tolist(), own_rate(mechanism), step)
+    return ProgrammePlan(
+        tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, free,
+        second_holonomic, second_h, second_k,
+    )  # fmt: skip
+
+
+def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
+    """Compile the ideal rows, those of the programme, then its secondary ones; None where there are none."""
+    scene, programme = mechanism.scene, mechanism.scene.programme
+    texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
+    if programme is not None:
+        texts += [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(programme.constraints)]
+        texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
+    acting = control_channels(mechanism)
+    scales = control_scales(mechanism, acting).tolist()
+    pushed = [(channel.coordinate, scale) for channel, scale in zip(acting, scales, strict=True) if channel.coordinate]
+    return ConstraintSet(mechanism, texts, pushed) if texts else None
+
+
+class ProgrammeControl:
+    """The controls of a programme along a motion, and what of it was lost. The rows are evaluated by the constraint solver."""
+
+    def __init__(self, plan: ProgrammePlan) -> None:
+        self.plan, self.texts, self.names, self.scales = plan, plan.texts, plan.names, plan.scales
+        self.control_matrix = np.zeros((len(self.texts), len(self.names)))  # G of the last solution, in the controls' scales
+        self.side = 0.0  # sign of det G at the last accepted sample, where G is square
+        self.repeating = False  # whether rows repeated each other, or an ideal constraint, in the last solution
+        self.grip = 0.0  # smallest singular value of G at the first accepted sample
+
     def solve(self, t: float, g: Array, beta: Array) -> Array:
         """Return u over its scales with G u = beta, by G in these scales; secondary rows stand below those of the programme.
 
@@ -83,7 +119,7 @@ class ProgrammeControl:
         system. Raises SingularError naming rows and controls where the programme cannot be met.
         """
         count = len(self.texts)
-        self.effect = g[:count]
+        self.control_matrix = g[:count]
         if count < len(g):
             if len(g) <= g.shape[1]:
                 u = _least(g, beta)
@@ -93,17 +129,17 @@ class ProgrammeControl:
             null = self.null_space(g[:count])
             return u + null @ np.linalg.lstsq(g[count:] @ null, beta[count:] - g[count:] @ u, rcond=RANK)[0]
         u = self.least(g, beta)
-        if self.free is not None:
-            u = u + self.free.value(t) / self.scales.prod() * cross(g)
+        if self.plan.free is not None:
+            u = u + self.plan.free.value(t) / self.scales.prod() * cross(g)
         return u
 
     def accept(self) -> None:
         """Refuse a sample beyond a posture where as many controls as rows lose their effect: det G changes its sign there."""
-        self.grip = self.grip or float(np.linalg.svd(self.effect, compute_uv=False)[-1])
-        if self.effect.shape[0] != self.effect.shape[1] or self.repeating:
+        self.grip = self.grip or float(np.linalg.svd(self.control_matrix, compute_uv=False)[-1])
+        if self.control_matrix.shape[0] != self.control_matrix.shape[1] or self.repeating:
             self.side = 0.0
             return
-        side = float(np.sign(np.linalg.det(self.effect)))
+        side = float(np.sign(np.linalg.det(self.control_matrix)))
         if self.side * side < 0.0:
             raise SingularError(
                 f"programme: the motion went through a posture where {', '.join(self.names)} have no effect on "
@@ -124,15 +160,16 @@ class ProgrammeControl:
     def report(self) -> str:
         """Say how errors decay, and how the rows of the last solution depend on each other."""
         if not self.repeating:
-            return self.decay
-        rank = self.rank(self.effect)[0]
-        return f"{self.decay}; {len(self.texts)} rows of rank {rank}: others, or ideal constraints, hold the rest already"
+            return self.plan.decay
+        rank = self.rank(self.control_matrix)[0]
+        return f"{self.plan.decay}; {len(self.texts)} rows of rank {rank}: others, or ideal constraints, hold the rest already"
 
     def weakness(self) -> str:
         """Say which rows the controls have nearly lost since the start; nothing where they have not."""
-        if not np.isfinite(self.effect).all() or np.linalg.svd(self.effect, compute_uv=False)[-1] > WEAK * self.grip:
+        g = self.control_matrix
+        if not np.isfinite(g).all() or np.linalg.svd(g, compute_uv=False)[-1] > WEAK * self.grip:
             return ""
-        return f"; the programme is nearly singular there: {self._weak_rows(self.effect)}, by {', '.join(self.names)}"
+        return f"; the programme is nearly singular there: {self._weak_rows(g)}, by {', '.join(self.names)}"
 
     def _least_deficient(self, g: Array, beta: Array) -> Array:
         if not (np.isfinite(g).all() and np.isfinite(beta).all()):

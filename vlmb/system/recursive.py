@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.bars import HEAVY
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.diagnostics import HUGE, Faults
+from vlmb.system.diagnostics import HUGE, Diagnostics
+from vlmb.system.frames import LinkFrames
 from vlmb.system.springs import SegmentSprings
 from vlmb.system.types import Rhs
 
@@ -20,14 +21,15 @@ Array = NDArray[np.float64]
 
 
 def recursive(
-    mechanism: Mechanism, springs: SegmentSprings, sliding: bool, size: int, calls: list[int], faults: Faults
-) -> Rhs:
+    mechanism: Mechanism, frames: LinkFrames, springs: SegmentSprings, sliding: bool, size: int, calls: list[int],
+    diagnostics: Diagnostics,
+) -> Rhs:  # fmt: skip
     """Make the right-hand side of y = (q, v, work): ABA in LOCAL convention on tau = springs.
 
     `sliding`: the sideways velocity of the ski stays zero. Its joint then carries an inertia of HEAVY, which takes its row and
     column out of the elimination, in a model of its own.
     """
-    model, data = _sliding_model(mechanism) if sliding else (mechanism.model, mechanism.data)
+    model, data = _sliding_model(mechanism) if sliding else (mechanism.model, frames.data)
     nq, end = model.nq, model.nq + model.nv
     aba, normalize, product = pin.aba, pin.normalize, pin.tangentMapProduct
     tau, dy, write, few = np.zeros(model.nv), np.zeros(size), springs.write, springs.few
@@ -43,7 +45,7 @@ def recursive(
         for k in others:
             total += found.item(k)
         if not -HUGE < total < HUGE:
-            raise faults.not_finite(normalize(model, raw), v, tau)
+            raise diagnostics.not_finite(normalize(model, raw), v, tau)
         qdot[...] = v if planar else product(model, raw, v)
         return dy
 
@@ -57,7 +59,7 @@ def recursive(
                 springs.near = True
         vdot[...] = found = aba(model, data, raw if planar else normalize(model, raw), v, tau)
         if not -HUGE < found.item(root) < HUGE:
-            raise faults.not_finite(normalize(model, raw), v, tau)
+            raise diagnostics.not_finite(normalize(model, raw), v, tau)
         qdot[...] = v if planar else product(model, raw, v)
         return dy
 

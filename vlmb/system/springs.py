@@ -31,11 +31,10 @@ class SegmentSprings:
     `few`: indices into y and tau, stiffness, preload and near limits of each, where there are few.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, segments: Sequence[tuple[Segment, SegmentIndex]], nq: int) -> None:
         self.near = False
-        segments = list(free_segments(mechanism))
-        self.dampers = [(mechanism.layout.nq + at.v, segment.damping) for segment, at in segments if segment.damping]
-        self.guarded, self.nq = len(segments) <= FEW, mechanism.layout.nq
+        self.dampers = [(nq + at.v, segment.damping) for segment, at in segments if segment.damping]
+        self.guarded, self.nq = len(segments) <= FEW, nq
         self.segments = segments
         self.few: list[tuple[int, int, float, float, float, float]] = []
         self.watch()

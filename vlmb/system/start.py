@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SimulationError, SingularError, nearest
 from vlmb.model.coordinates import Layout, State, segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.constraints import Rows, RowValues
+from vlmb.system.constraints import Constraint, ConstraintSet, RowValues
 from vlmb.system.frames import LinkFrames
-from vlmb.system.prescribed import prescribed_segments
+from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
@@ -27,17 +26,51 @@ FAR = 1.0  # [rad] between two azimuths that shall be equal
 LEAN = 0.3  # [rad] where the search begins for a link whose azimuth matters and whose elevation is not given
 
 
+class RowSet(NamedTuple):
+    """Some rows of a scene, and the frames they are evaluated in."""
+
+    rows: ConstraintSet
+    frames: LinkFrames
+    numbers: range  # which rows
+    ideal: bool
+
+    @property
+    def info(self) -> list[Constraint]:
+        """What is known of each."""
+        return [self.rows.info[k] for k in self.numbers]
+
+    @property
+    def texts(self) -> list[str]:
+        """Their equations."""
+        return [row.text for row in self.info]
+
+    @property
+    def holonomic(self) -> NDArray[np.bool_]:
+        """Which are rows of positions."""
+        return np.array([row.holonomic for row in self.info], dtype=bool)
+
+    def at(self, q: Array, v: Array, branch: Sequence[float]) -> RowValues:
+        """Evaluate them at a state, at t = 0."""
+        self.frames.update(q)
+        return self.rows.evaluate(self.frames, 0.0, q, v, branch, self.numbers)
+
+    def values(self, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
+        """Evaluate them at a posture given by names, at t = 0."""
+        q, v = self.frames.mechanism.state(coordinates, rates)
+        return self.at(q, v, [coordinates[name] for name in self.frames.layout.names])
+
+
 class Start(NamedTuple):
-    """A consistent start: the state, all coordinates and rates by name, and what was repaired."""
+    """A consistent start: the state, all coordinates and rates by name, and what was adjusted."""
 
     state: State
     coordinates: dict[str, float]
     rates: dict[str, float]
-    repairs: tuple[str, ...]
+    adjustments: tuple[str, ...]  # what was moved or filled in, in sentences
     rank: int  # of the ideal constraints, on what may move
 
 
-def consistent_start(mechanism: Mechanism) -> Start:
+def consistent_start(system: System) -> Start:
     """Complete and repair the scene's `[start]`.
 
     Unset: phi 0, psi pi/2, xi the segment's length, rates 0, then moved as little as needed for the constraints and the
@@ -45,8 +78,10 @@ def consistent_start(mechanism: Mechanism) -> Start:
     with an error, which then decays. Raises SceneError for unknown names, values on a prescribed segment, lengths outside
     their limits, and constraints that no posture meets.
     """
+    mechanism = system.mechanism
     layout, given = mechanism.layout, given_values(mechanism)
-    _refuse_unknown(mechanism)
+    followed = {at.name for at in system.prescribed}
+    _refuse_unknown(mechanism, followed)
     coordinates: dict[str, float] = {}
     for coordinate in layout.coordinates:
         if coordinate.kind == "xi":
@@ -55,22 +90,22 @@ def consistent_start(mechanism: Mechanism) -> Start:
             default = math.pi / 2 if coordinate.kind == "psi" else 0.0
         coordinates[coordinate.name] = given.get(coordinate.name, default)
     rates = {f"{name}_dot": given.get(f"{name}_dot", 0.0) for name in layout.names}
-    for at in prescribed_segments(mechanism):
+    for at in system.prescribed:
         jet = at.law.jet(0.0)
         if not all(map(math.isfinite, jet)):
             raise SceneError(f"{at.name}: the law {at.law.text!r} has no finite value, rate and acceleration at t = 0")
         coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
     _refuse_outside_limits(mechanism, coordinates)
-    sets = row_sets(mechanism)
+    sets = row_sets(system)
     _share_azimuths(mechanism, coordinates, sets)
-    repairs = _meet_positions(mechanism, coordinates, sets)
-    repairs += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
-    repairs += _meet_rates(mechanism, coordinates, rates, sets)
+    adjustments = _meet_positions(mechanism, followed, coordinates, sets)
+    adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
+    adjustments += _meet_rates(mechanism, followed, coordinates, rates, sets)
     count = len(mechanism.scene.constraints)
-    rank = max((_rank(mechanism, rows, coordinates, rates) for rows, ideal in sets if ideal), default=0)
+    rank = max((_rank(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)
     if rank < count:
-        repairs.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
-    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(repairs), rank)
+        adjustments.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
+    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(adjustments), rank)
 
 
 def given_values(mechanism: Mechanism) -> dict[str, float]:
@@ -78,12 +113,12 @@ def given_values(mechanism: Mechanism) -> dict[str, float]:
     return mechanism.names.canonical(mechanism.scene.start, "start")
 
 
-def _equated_azimuths(sets: list[tuple[Rows, bool]]) -> list[tuple[str, str]]:
+def _equated_azimuths(sets: list[RowSet]) -> list[tuple[str, str]]:
     """Pairs of azimuths that ideal rows such as `phi1 = phi0` equate."""
-    return [row.azimuths for rows, ideal in sets if ideal for row in rows.info if row.azimuths]
+    return [row.azimuths for entry in sets if entry.ideal for row in entry.info if row.azimuths]
 
 
-def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
+def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: list[RowSet]) -> None:
     """Give an unset azimuth the value of the one an ideal row equates it with: at the pole the row alone cannot."""
     given = given_values(mechanism)
     for pair in _equated_azimuths(sets):
@@ -92,38 +127,29 @@ def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: l
                 coordinates[name] = coordinates[other]
 
 
-def row_sets(mechanism: Mechanism) -> list[tuple[Rows, bool]]:
-    """Return the scene's rows and whether they are ideal."""
-    scene, frames = mechanism.scene, LinkFrames(mechanism)
-    sets = []
-    if scene.constraints:
-        texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
-        sets.append((Rows(mechanism, frames, texts), True))
-    if scene.programme:
-        texts = [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(scene.programme.constraints)]
-        sets.append((Rows(mechanism, frames, texts), False))
-    return sets
+def row_sets(system: System) -> list[RowSet]:
+    """Return the rows of a scene that a start is to meet: the ideal ones, then those of its programme."""
+    scene, frames = system.mechanism.scene, LinkFrames(system.mechanism)
+    ideal, servo = len(scene.constraints), len(scene.programme.constraints) if scene.programme else 0
+    rows = system.constraints
+    if rows is None:
+        return []
+    made = [RowSet(rows, frames, range(ideal), True), RowSet(rows, frames, range(ideal, ideal + servo), False)]
+    return [entry for entry in made if entry.numbers]
 
 
-def _rank(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> int:
+def _rank(system: System, rows: RowSet, coordinates: dict[str, float], rates: dict[str, float]) -> int:
     """Rank of rows on what may move: the sideways motion of a ski and prescribed lengths are taken out."""
-    jacobian = np.array(row_values(mechanism, rows, coordinates, rates).jacobian)
-    jacobian[:, [at.v for at in prescribed_segments(mechanism)]] = 0.0
-    if mechanism.layout.base == "ski":
+    jacobian = rows.values(coordinates, rates).jacobian
+    jacobian[:, [at.v for at in system.prescribed]] = 0.0
+    if system.mechanism.layout.base == "ski":
         jacobian[:, SIDEWAYS] = 0.0
     sizes = np.linalg.norm(jacobian, axis=1)
     unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
     return int(np.linalg.matrix_rank(unit, tol=ALIKE)) if unit.size else 0
 
 
-def row_values(mechanism: Mechanism, rows: Rows, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
-    """Evaluate rows at a posture given by names, at t = 0."""
-    q, v = mechanism.state(coordinates, rates)
-    pin.crba(mechanism.model, mechanism.data, q, pin.Convention.WORLD)
-    return rows.evaluate(0.0, q, v, [coordinates[name] for name in mechanism.layout.names])
-
-
-def _bring_azimuths_near(coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> None:
+def _bring_azimuths_near(coordinates: dict[str, float], sets: list[RowSet]) -> None:
     """Move azimuths that an ideal row equates halfway to each other, where a search from so far apart may end elsewhere."""
     for first, second in _equated_azimuths(sets):
         gap = math.remainder(coordinates[first] - coordinates[second], math.tau)
@@ -132,18 +158,19 @@ def _bring_azimuths_near(coordinates: dict[str, float], sets: list[tuple[Rows, b
             coordinates[second] += 0.5 * gap
 
 
-def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: list[tuple[Rows, bool]]) -> list[str]:
+def _meet_positions(
+    mechanism: Mechanism, followed: set[str], coordinates: dict[str, float], sets: list[RowSet]
+) -> list[str]:
     """Solve the holonomic rows for the coordinates that were not given; then, for ideal rows, for all."""
-    if not any(rows.holonomic.any() for rows, _ in sets):
+    if not any(entry.holonomic.any() for entry in sets):
         return []
-    followed = {at.name for at in prescribed_segments(mechanism)}
     names = [name for name in mechanism.layout.names if name not in followed]
     unset = [name for name in names if name not in given_values(mechanism)]
     before = dict(coordinates)
     _bring_azimuths_near(coordinates, sets)
 
-    def residual(chosen: list[tuple[Rows, bool]]) -> Array:
-        parts = [row_values(mechanism, rows, coordinates, {}).z[rows.holonomic] for rows, _ in chosen]
+    def residual(chosen: list[RowSet]) -> Array:
+        parts = [entry.values(coordinates, {}).z[entry.holonomic] for entry in chosen]
         return np.concatenate(parts)
 
     try:
@@ -155,30 +182,30 @@ def _meet_positions(mechanism: Mechanism, coordinates: dict[str, float], sets: l
     for free in ([name for name in unset if name not in "xyz"], unset):  # the place moves only if nothing else can
         if free and np.abs(residual(sets)).max() > HELD:
             _solve(mechanism, coordinates, free, lambda: residual(sets))
-    ideal = [entry for entry in sets if entry[1]]
+    ideal = [entry for entry in sets if entry.ideal]
     if ideal and np.abs(residual(ideal)).max(initial=0.0) > HELD:
         least = np.abs(residual(ideal))  # what is left may look small where the search ends, at a pole
         _solve(mechanism, coordinates, names, lambda: residual(ideal))
         if np.abs(residual(ideal)).max() > HELD:
-            texts = [text for rows, _ in ideal for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+            texts = [text for entry in ideal for text, flag in zip(entry.texts, entry.holonomic, strict=True) if flag]
             off = [(text, e) for text, e in zip(texts, least, strict=True) if e > 0.1 * least.max()]
             worst = " and ".join(f"{text!r} (off by {e:.3g})" for text, e in off)
             raise SceneError(
                 f"start: no posture near it meets the constraints {', '.join(map(repr, texts))} together: {worst}; "
                 "give a start nearer to them, or drop one that contradicts another"
             )
-    repairs = [
+    adjustments = [
         _moved(name, coordinates[name], None if name in unset else before[name])
         for name in names
         if abs(coordinates[name] - before[name]) > HELD
     ]
-    servo = [entry for entry in sets if not entry[1]]
+    servo = [entry for entry in sets if not entry.ideal]
     if servo:
         error = np.abs(residual(servo))
-        texts = [text for rows, _ in servo for text, flag in zip(rows.texts, rows.holonomic, strict=True) if flag]
+        texts = [text for entry in servo for text, flag in zip(entry.texts, entry.holonomic, strict=True) if flag]
         off = [(text, e) for text, e in zip(texts, error, strict=True) if e > HELD]
-        repairs += [f"start: {text!r} is off by {e:.3g}; the error decays" for text, e in off]
-    return repairs
+        adjustments += [f"start: {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+    return adjustments
 
 
 def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str], residual: Callable[[], Array]) -> None:
@@ -214,14 +241,14 @@ def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str]
 
 
 def _meet_rates(
-    mechanism: Mechanism, coordinates: dict[str, float], rates: dict[str, float], sets: list[tuple[Rows, bool]]
+    mechanism: Mechanism, followed: set[str], coordinates: dict[str, float], rates: dict[str, float], sets: list[RowSet]
 ) -> list[str]:
     """Solve z' = 0, affine in the rates, for those not given; then, for ideal rows, for all."""
     if not sets:
         return []
     layout, given = mechanism.layout, given_values(mechanism)
-    followed = {f"{at.name}_dot" for at in prescribed_segments(mechanism)}
-    names = [name for name in rates if name not in followed and not (layout.base == "ski" and name in ("x_dot", "y_dot"))]
+    places = {"x_dot", "y_dot"} if layout.base == "ski" else set()  # the speed stands for them
+    names = [name for name in rates if name.removesuffix("_dot") not in followed and name not in places]
     speed_given = any(name in given for name in ("speed", "x_dot", "y_dot"))
     if layout.base == "ski":
         names = ["speed", *names]
@@ -239,10 +266,10 @@ def _meet_rates(
                 result[name] += change
         return result
 
-    def residual(chosen: list[tuple[Rows, bool]], changes: dict[str, float]) -> Array:
-        return np.concatenate([row_values(mechanism, rows, coordinates, moved(changes)).rate for rows, _ in chosen])
+    def residual(chosen: list[RowSet], changes: dict[str, float]) -> Array:
+        return np.concatenate([entry.values(coordinates, moved(changes)).rate for entry in chosen])
 
-    for chosen, free in ((sets, unset), ([entry for entry in sets if entry[1]], names)):
+    for chosen, free in ((sets, unset), ([entry for entry in sets if entry.ideal], names)):
         if not chosen or not free:
             continue
         error = residual(chosen, {})
@@ -251,23 +278,23 @@ def _meet_rates(
         matrix = np.column_stack([residual(chosen, {name: 1.0}) - error for name in free])
         change = -np.linalg.lstsq(matrix, error, rcond=1e-10)[0]
         rates.update(moved(dict(zip(free, change.tolist(), strict=True))))
-    ideal = [entry for entry in sets if entry[1]]
+    ideal = [entry for entry in sets if entry.ideal]
     if ideal and np.abs(residual(ideal, {})).max() > 1e-7:
-        texts = [text for rows, _ in ideal for text in rows.texts]
+        texts = [text for entry in ideal for text in entry.texts]
         errors = np.abs(residual(ideal, {}))
         worst = " and ".join(repr(text) for text, e in zip(texts, errors, strict=True) if e > 0.1 * errors.max())
         raise SceneError(f"start: no rates meet the constraint {worst} at this posture; give other start values")
-    repairs = [
+    adjustments = [
         _moved(name, rates[name], before[name] if name in given else None)
         for name in rates
         if abs(rates[name] - before[name]) > HELD
     ]
-    for rows, is_ideal in sets:
-        if not is_ideal:
-            values = row_values(mechanism, rows, coordinates, rates).rate
-            off = [(text, e) for text, e in zip(rows.texts, values, strict=True) if abs(e) > HELD]
-            repairs += [f"start: the rate of {text!r} is off by {e:.3g}; the error decays" for text, e in off]
-    return repairs
+    for entry in sets:
+        if not entry.ideal:
+            values = entry.values(coordinates, rates).rate
+            off = [(text, e) for text, e in zip(entry.texts, values, strict=True) if abs(e) > HELD]
+            adjustments += [f"start: the rate of {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+    return adjustments
 
 
 def _moved(name: str, value: float, given: float | None) -> str:
@@ -292,9 +319,8 @@ def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rate
     return []
 
 
-def _refuse_unknown(mechanism: Mechanism) -> None:
+def _refuse_unknown(mechanism: Mechanism, followed: set[str]) -> None:
     layout, given, valid = mechanism.layout, given_values(mechanism), mechanism.names.known
-    followed = {at.name for at in prescribed_segments(mechanism)}
     for name in given:
         if name not in valid:
             hint = " (with plane = true a link has no azimuth)" if layout.plane and name.startswith("phi") else ""

@@ -53,7 +53,7 @@ def _of_mechanism(mechanism: Mechanism, height: int) -> str:
     try:
         start = check(scene)[1]
         values = {name: f"{start.coordinates[name]:.4g}" for name in layout.names}
-        lines += [f"note      {entry}" for entry in start.repairs]
+        lines += [f"note      {entry}" for entry in start.adjustments]
         picture = _picture(of_state(mechanism, start.state), 0, height)
     except VlmbError as error:  # a scene that cannot start has coordinates all the same
         lines.append(f"no start  {error}")

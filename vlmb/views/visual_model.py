@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vlmb.model.coordinates import kinematics
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.memory import make_data
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.tables import Base, Link
 from vlmb.simulation.trajectory import Trajectory
@@ -236,7 +237,7 @@ def _ways(base: Array, size: float, programme: Any) -> list[Body]:
 
 def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None) -> list[Body]:
     """Gravity at the centre of mass and the edge force on the ski, to one scale."""
-    model, data, scene = mechanism.model, mechanism.data, mechanism.scene
+    model, data, scene = mechanism.model, make_data(mechanism.model), mechanism.scene
     down = np.array(scene.surface_gravity)
     weight = float(np.linalg.norm(down)) * (scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links))
     bodies = []

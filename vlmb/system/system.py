@@ -1,0 +1,342 @@
+"""The system: a mechanism and all that acts on it, compiled once; and the workspace in which one run computes with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, nearest
+from vlmb.model.coordinates import SegmentIndex, State
+from vlmb.model.long_chains import LONG_CHAIN, is_long
+from vlmb.model.mechanism import Mechanism
+from vlmb.scene.tables import Run, Segment
+from vlmb.system.branch import next_branch
+from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
+from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.dense import Dense
+from vlmb.system.diagnostics import HUGE, Diagnostics
+from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forces
+from vlmb.system.frames import LinkFrames
+from vlmb.system.gains import require_decay
+from vlmb.system.prescribed import Prescribed, prescribed_segments
+from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
+from vlmb.system.recursive import along_heading, recursive
+from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
+from vlmb.system.subchains import SubChains
+from vlmb.system.types import Rhs
+
+Array = NDArray[np.float64]
+
+KNIFE_EDGES = ("reduction", "multiplier", "projection")
+ROUTES = ("recursive", "dense", "subchains")
+
+
+class Evaluation(NamedTuple):
+    """One instant: accelerations and every force by name."""
+
+    vdot: Array
+    tau: Array  # (nv,) springs, dampers, applied forces and controls
+    controls: dict[str, float]  # applied forces, controls of the programme, forces of prescribed segments
+    knife_edge: float | None  # [N], positive to the ski's left
+    reactions: dict[str, float]  # multipliers of the ideal rows, by equation
+    residuals: dict[str, tuple[float, float]]  # z and z' of every row, by equation
+    powers: dict[str, float]  # rates of the work states [W]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A mechanism, all that acts on it, and the options that its equations depend on. Nothing in it changes.
+
+    It serves check, start, run and trajectory; every run has a `workspace` of its own. A pickle carries what it was made of.
+    """
+
+    mechanism: Mechanism
+    run: Run
+    chosen_route: str | None  # None: the fastest sound one
+    segments: tuple[tuple[Segment, SegmentIndex], ...]  # free ones, with their springs
+    direction_springs: tuple[DirectionSpring, ...]
+    prescribed: tuple[Prescribed, ...]
+    forces: AppliedForces
+    constraints: ConstraintSet | None  # ideal rows, rows of the programme, secondary ones
+    programme: ProgrammePlan | None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return make_system, (self.mechanism, self.run, self.chosen_route, self.forces.inputs)
+
+    def workspace(self, control: Control | None = None, branch: Sequence[float] | None = None) -> Workspace:
+        """Make the buffers of one run. `control` gives the inputs; `branch` (N,) is the one that angles are first read on."""
+        return Workspace(self, control, branch)
+
+    def with_inputs(self, names: Sequence[str]) -> System:
+        """Return this system with forces from outside, by name; nothing is compiled again."""
+        return dataclasses.replace(self, forces=applied_forces(self.mechanism, names))
+
+    @property
+    def knife_edge(self) -> str:
+        """Form of the knife edge; "none" without a ski."""
+        return self.run.knife_edge if self.mechanism.layout.base == "ski" else "none"
+
+    @property
+    def info(self) -> tuple[Constraint, ...]:
+        """The ideal rows, then those of the programme."""
+        scene = self.mechanism.scene
+        count = len(scene.constraints) + len(scene.programme.constraints if scene.programme else ())
+        return self.constraints.info[:count] if self.constraints else ()
+
+    @property
+    def prescribed_dofs(self) -> list[int]:
+        """Velocities of known acceleration: of prescribed segments, and the ski's sideways one where it is crossed out."""
+        return [at.v for at in self.prescribed] + ([SIDEWAYS] if self.knife_edge == "reduction" else [])
+
+    @cached_property
+    def work_names(self) -> tuple[str, ...]:
+        """Names of the work states: forces, ideal rows that work, and "dissipation"."""
+        names = [*(self.programme.names if self.programme else ())]
+        names += [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
+        names += [channel.name for channel in self.forces.channels] + [at.force for at in self.prescribed]
+        dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
+        return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
+
+    @property
+    def size(self) -> int:
+        """Numbers in y = (q, v, work)."""
+        return self.mechanism.layout.nq + self.mechanism.layout.nv + len(self.work_names)
+
+    @cached_property
+    def route(self) -> str:
+        """The fastest sound route, or the one asked for. SceneError where that does not serve."""
+        route, controlled = self.chosen_route, self.forces.inputs is not None
+        simple = self.knife_edge in ("none", "reduction")
+        light = simple and not (self.forces.needed or self.direction_springs or self.prescribed or self.constraints is not None)
+        if route is None:
+            if not controlled and simple and is_long(self.mechanism.scene):
+                return "subchains"
+            return "recursive" if light and len(self.mechanism.layout.links) <= LONG_CHAIN else "dense"
+        if route == "recursive" and not light:
+            raise SceneError("the recursive route serves spring-dampers and the reduced knife edge only; use 'dense'")
+        if route == "subchains" and (controlled or not simple):
+            raise SceneError("the route 'subchains' serves springs, dampers and the reduced knife edge only; use 'dense'")
+        return route
+
+    @cached_property
+    def reads_angles(self) -> bool:
+        """Whether forces need the branch of an angle, and so the last accepted sample."""
+        angular = any(channel.kind in ("phi", "psi") for channel in self.forces.channels)
+        outside = self.forces.inputs is not None
+        return self.constraints is not None or outside or (angular and not self.mechanism.layout.plane)
+
+    @cached_property
+    def angled(self) -> frozenset[int]:
+        """Links whose azimuth or elevation a force or an equation goes by; one that equates two azimuths has a regular form."""
+        layout = self.mechanism.layout
+        if self.forces.inputs is not None:
+            return frozenset(range(len(layout.links)))
+        rows = [row for row in self.constraints.info if not row.azimuths] if self.constraints else []
+        read = {name.removesuffix("_dot") for row in rows for name in row.names}
+        acting = {*self.forces.channels, *control_channels(self.mechanism)}
+        found = {channel.link for channel in acting if channel.kind in ("phi", "psi")}
+        return frozenset(found | {c.link for c in layout.coordinates if c.kind in ("phi", "psi") and c.name in read})
+
+    def is_holonomic(self, text: str) -> bool:
+        """Whether a row, by its equation, is one of positions."""
+        return any(row.holonomic for row in self.info if row.text == text)
+
+
+def make_system(
+    mechanism: Mechanism, run: Run | None = None, route: str | None = None, inputs: Sequence[str] | None = None, **options: Any
+) -> System:
+    """Compile all that acts on a mechanism.
+
+    Parameters
+    ----------
+    run : None means the scene's; `options` are put over it, such as knife_edge="multiplier", gain=0.0
+    route : recursive | dense | subchains; None: the fastest sound one
+    inputs : names of forces whose values come from outside, as of a control
+
+    Raises SceneError for what is wrong with forces, equations, programme, gains or options.
+    """
+    scene = mechanism.scene
+    run = msgspec.structs.replace(scene.run if run is None else run, **options)
+    for key, value, allowed in (("knife_edge", run.knife_edge, KNIFE_EDGES), ("route", route or "dense", ROUTES)):
+        if value not in allowed:
+            raise SceneError(f"{key} = {value!r}: no such {key}; {nearest(value, allowed)}")
+    springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
+    forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
+    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    if held or scene.constraints:
+        require_decay(run)
+    if scene.programme is not None:
+        assert rows is not None
+        servo = len(scene.constraints) + len(scene.programme.constraints)
+        plan = make_plan(mechanism, scene.programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run)
+    made = System(mechanism, run, route, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
+    if route is not None:
+        _ = made.route  # refuses one that does not serve
+    return made
+
+
+class Workspace:
+    """The buffers of one run of a system: right-hand side of y = (q, v, work), and all forces. One thread at a time.
+
+    `recursive` serves spring-dampers and the reduced knife edge, `subchains` the same on long chains, `dense` everything.
+    """
+
+    def __init__(self, system: System, control: Control | None = None, branch: Sequence[float] | None = None) -> None:
+        mechanism = system.mechanism
+        self.system, self.mechanism, self.layout = system, mechanism, mechanism.layout
+        self.nq, self.nv, self.size = self.layout.nq, self.layout.nv, system.size
+        self.work_names, self.knife_edge, self.route = system.work_names, system.knife_edge, system.route
+        self.frames = LinkFrames(mechanism)
+        self.applied = ForceWriter(mechanism, system.forces, self.frames, control)
+        held = self.knife_edge in ("multiplier", "projection")
+        self.solver = ConstraintSolver(
+            mechanism, self.frames, system.constraints, system.programme, held, system.run.gain, system.prescribed_dofs
+        )
+        self.springs = SegmentSprings(system.segments, self.nq)
+        self.subchains = SubChains(mechanism) if self.route == "subchains" else None
+        self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver, self.subchains)
+        self._calls = [0]
+        self._branch = [0.0] * len(self.layout.names) if branch is None else list(branch)
+        self._dense = Dense(
+            mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
+            self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
+        )  # fmt: skip
+        sliding = self.knife_edge == "reduction"
+        self.rhs: Rhs
+        if self.subchains is not None:
+            self.rhs = self._long(self.subchains, sliding)
+        elif self.route == "recursive":
+            self.rhs = recursive(mechanism, self.frames, self.springs, sliding, self.size, self._calls, self.diagnostics)
+        else:
+            self.rhs = self._dense.rhs()
+
+    @property
+    def evaluations(self) -> int:
+        """Right-hand sides so far."""
+        return self._calls[0]
+
+    @property
+    def branch(self) -> list[float]:
+        """Coordinates of the last accepted state, near which `rhs` reads angles."""
+        return list(self._branch)
+
+    @branch.setter
+    def branch(self, values: Sequence[float]) -> None:
+        self._branch[:] = values
+
+    def forget(self) -> None:
+        """Count right-hand sides from zero again."""
+        self._calls[0] = 0
+
+    def _long(self, chains: SubChains, sliding: bool) -> Rhs:
+        """Sub-chains: every link a piece of its own, all at once in closed form."""
+        model, nq, end, calls, damped = self.mechanism.model, self.nq, self.nq + self.nv, self._calls, bool(self.work_names)
+        normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)
+        qdot, vdot = dy[:nq], dy[nq:end]
+
+        def rhs(t: float, y: Array) -> Array:
+            calls[0] += 1
+            raw, v = y[:nq], y[nq:end]
+            q = normalize(model, raw)
+            vdot[...] = chains.accelerations(q, v)
+            if not vdot.dot(vdot) < HUGE * HUGE:
+                raise self.diagnostics.not_finite(q, v, chains.springs(q, v))
+            qdot[...] = product(model, raw, v)
+            if damped:
+                dy[-1] = chains.dissipation()
+            return dy
+
+        return along_heading(rhs, nq) if sliding else rhs
+
+    def pack(self, state: State) -> Array:
+        """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""
+        y = np.concatenate([state.q, state.v, np.zeros(len(self.work_names))])
+        if self.knife_edge == "reduction":
+            y[self.nq + SIDEWAYS] = 0.0
+        return y
+
+    def unpack(self, t: float, y: Array) -> State:
+        """Return the state of y as the dynamics see it: normalized, prescribed segments exact, velocity on the knife edge."""
+        state = State(pin.normalize(self.mechanism.model, y[: self.nq]), np.array(y[self.nq : self.nq + self.nv]))
+        for at in self.system.prescribed:
+            state.q[at.q], state.v[at.v], _ = at.law.jet(t)
+        if self.knife_edge == "reduction":
+            state.v[SIDEWAYS] = 0.0
+        elif self.knife_edge == "projection":
+            self._dense.project(state.q, state.v)
+        return state
+
+    def accept(self, t: float, y: Array) -> tuple[list[float], float]:
+        """Return the branch at a state, which `rhs` goes by from now on, and the time [s] for which forces may rely on it."""
+        if not self.system.reads_angles:
+            return self.branch, math.inf
+        if self.solver.programme is not None:
+            self.rhs(t, y)
+            self.solver.programme.accept()
+        found, time = next_branch(self.frames, *self.unpack(t, y), self._branch, self.system.angled)
+        self.branch = found
+        return found, time
+
+    def inputs(self, t: float, state: State) -> Array:
+        """Ask the control, once, for the forces (S,) that it gives at a state."""
+        asked = self.applied.control is not None and self.applied.inputs
+        return np.array(self.applied.ask(t, *state, self._branch) if asked else self.applied.held)
+
+    def evaluate(
+        self, t: float, y: Array, branch: Sequence[float] | None = None, inputs: Sequence[float] | None = None
+    ) -> Evaluation:
+        """Return accelerations and forces of one instant, all from one inverse-dynamics pass over the motion.
+
+        Angles are read near `branch`, None: the last accepted one; `inputs` (S,) are the forces from outside, where no control
+        is asked for them.
+        """
+        if branch is not None:
+            self.branch = branch
+        if inputs is not None:
+            self.applied.held = list(inputs)
+        system, solver, applied = self.system, self.solver, self.applied
+        rates = self.rhs(t, y)
+        vdot = np.array(rates[self.nq : self.nq + self.nv])
+        powers = dict(zip(self.work_names, rates[self.nq + self.nv :].tolist(), strict=True))
+        q, v = self.unpack(t, y)
+        self.frames.update(q)
+        tau = np.zeros(self.nv)
+        self._dense.forces(t, np.concatenate([q, v, y[self.nq + self.nv :]]), q, v, tau)
+        controls: dict[str, float] = {}
+        for channel, value in zip(applied.channels, applied.values.tolist(), strict=True):
+            controls[channel.name] = controls.get(channel.name, 0.0) + value
+        residuals, reactions = {}, {}
+        ideal = np.zeros(self.nv)
+        if system.constraints is not None:
+            values = system.constraints.evaluate(self.frames, t, q, v, self._branch)
+            texts, pairs = [row.text for row in system.info], zip(values.z.tolist(), values.rate.tolist(), strict=True)
+            residuals = dict(zip(texts, pairs, strict=False))
+            multipliers = solver.multipliers[solver.held :]
+            shares = [self._per_angle(row) for row in system.info[: solver.ideal]]
+            reactions = dict(zip(texts, (multipliers * shares).tolist(), strict=False))
+            ideal = multipliers @ values.jacobian[: solver.ideal]
+        if solver.programme is not None:
+            tau += solver.forces()
+            for name, value in zip(solver.programme.names, solver.controls.tolist(), strict=True):
+                controls[name] = controls.get(name, 0.0) + value
+        missing = pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot) - tau - ideal
+        controls |= {at.force: float(missing[at.v]) for at in system.prescribed}
+        edge = float(missing[SIDEWAYS]) if self.layout.base == "ski" else None
+        return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers)
+
+    def _per_angle(self, row: Constraint) -> float:
+        """What turns the multiplier of an azimuth row's regular form into the moment [N m] on the angle of its equation."""
+        share = 1.0
+        for name in row.azimuths or ():
+            if name != "phi0":
+                share *= math.cos(self._branch[self.layout.index[name] + 1])
+        return share
