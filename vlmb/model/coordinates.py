@@ -206,36 +206,6 @@ def read_coordinates(layout: Layout, q: Array, v: Array, reference: Array | None
     return _read_one(layout, q, v, motion.directions, motion.direction_rates, reference)
 
 
-def read_samples(layout: Layout, t: Array, q: Array, v: Array, reference: Array) -> tuple[Array, Array]:
-    """Read the coordinates and rates (samples, N) of a motion.
-
-    Angles are read on the branch nearest to their row of `reference` (samples, N); after a single row (1, N) they go on
-    continuously. Off the pole the rates tell how far an angle has gone since the last sample, so that fast turns are counted.
-    """
-    motion = kinematics(layout, q, v)
-    directions, direction_rates = motion.directions, motion.direction_rates
-    values, rates = np.empty((len(q), len(layout.names))), np.empty((len(q), len(layout.names)))
-    near = reference[0]
-    for sample in range(len(q)):
-        if len(reference) > 1:
-            near = reference[sample]
-        values[sample], rates[sample] = _read_one(layout, q[sample], v[sample], directions[sample], direction_rates[sample], near)
-        if sample + 1 < len(q):
-            near = values[sample] + _advance(layout, values[sample], rates[sample]) * (t[sample + 1] - t[sample])
-    return values, rates
-
-
-def _advance(layout: Layout, values: Array, rates: Array) -> Array:
-    """Rates of the angles that can be trusted to go on: those of links off the pole, and the ski's heading."""
-    trusted = np.zeros(len(values))
-    for at, coordinate in enumerate(layout.coordinates):
-        if coordinate.kind == "phi0":
-            trusted[at] = rates[at]
-        elif coordinate.kind == "psi" and not layout.plane and abs(math.cos(values[at])) > OFF_POLE:
-            trusted[at - 1 : at + 1] = rates[at - 1 : at + 1]
-    return trusted
-
-
 def _read_one(
     layout: Layout, q: Array, v: Array, directions: Array, direction_rates: Array, reference: Array | None
 ) -> tuple[Array, Array]:

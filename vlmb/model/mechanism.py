@@ -93,10 +93,14 @@ class Mechanism(Remade, Displayed):
 
     def position(self, state: tuple[Any, Any], link: str, point: str = "tip") -> np.ndarray:
         """Position (3,) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
+        return self.position_of(self.postures(state), link, point)
+
+    def position_of(self, postures: Postures, link: str, point: str = "tip") -> np.ndarray:
+        """Position (..., 3) [m] of a point of a link in given postures."""
         if link not in self.names.links or point not in POINTS:
             known = ", ".join(f"{name}.{which}" for name in self.names.links for which in POINTS)
             raise SceneError(f"unknown point {f'{link}.{point}'!r}; points: {known}")
-        return np.array(self.postures(state).position(self.names.links[link], point))
+        return np.array(postures.position(self.names.links[link], point))
 
 
 def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:

@@ -99,7 +99,8 @@ class March:
 
     def failed_by(self, error: Exception) -> str:
         """Return the sentence for an error that went through."""
-        source = "the control raised " if error is self.workspace.applied.failure else ""
+        reader = self.workspace.applied.reader
+        source = "the control raised " if reader is not None and error is reader.failure else ""
         return f"failed at t = {self.t:.6g} s: {source}{type(error).__name__}: {error}{self._unknown()}"
 
     def _stretch(self, end: float, last: float) -> str | None:

@@ -77,7 +77,7 @@ def simulate(
     start = consistent_start(system)
     branch = [start.coordinates[name] for name in mechanism.layout.names]
     if control is not None:
-        first = StateView(mechanism, 0.0, start.state.q, start.state.v, None)
+        first = StateView(mechanism, 0.0, mechanism.postures(start.state), branch, start.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
     workspace = system.workspace(control, branch)
     times = _sample_times(run, t_eval)

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from vlmb._version import __version__
 from vlmb.errors import TrajectoryError, nearest
-from vlmb.model.coordinates import read_samples
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.names import POINTS
-from vlmb.model.reading import Postures
+from vlmb.model.reading import Postures, read_along
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
@@ -240,7 +239,7 @@ class Trajectory(Remade, Displayed):
 
     @cached_property
     def _coordinates(self) -> tuple[Array, Array]:
-        values, rates = read_samples(self.mechanism.layout, self.t, self.q, self.v, self.branch)
+        values, rates = read_along(self._postures, self.t, self.branch)
         return read_only(values), read_only(rates)
 
     @cached_property

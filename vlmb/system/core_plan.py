@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,31 +13,22 @@ from vlmb.core import opcodes as op
 from vlmb.core import places
 from vlmb.core import plant as core
 from vlmb.core import springs as core_springs
-from vlmb.core.plant import Plant
+from vlmb.core.along import given_along
+from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.springs import AngleSprings
 from vlmb.model.arrays import Arrays, make_arrays
 from vlmb.model.coordinates import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import QuantityTable
+from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.expressions import Expression, parse
 from vlmb.scene.tables import Run
+from vlmb.system.events import BOTH_WAYS, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
 from vlmb.system.prescribed import Prescribed
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
-
-LIMIT, FALL, SWITCH, LINE_UP, QUIET = range(5)  # kinds of events; QUIET never happens
-FALLING, BOTH_WAYS = -1.0, 0.0
-
-
-class Event(NamedTuple):
-    """Something that is looked for: what it is, the way its indicator crosses zero, and the sentence of a run that it ends."""
-
-    kind: int
-    direction: float
-    name: str
-    sentence: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +39,7 @@ class CorePlan:
     plant: Plant
     table: QuantityTable = field(repr=False)
     tape: CompiledTape = field(repr=False)
+    springs: tuple[DirectionSpring, ...]
     laws: tuple[tuple[str, str], ...]  # of every root: the force or length it gives, and its text
     acting: tuple[str, ...]  # names of the forces, laws first, then inputs
     events: tuple[Event, ...]
@@ -62,6 +53,25 @@ class CorePlan:
     def velocities(self) -> int:
         """Number of velocities in a state."""
         return self.arrays.velocities
+
+    def spring_angles(self, coordinates: Array) -> Array:
+        """Return the signed angles (springs,) [rad] of springs in a plane that coordinates (N,) are on the branch of."""
+        layout, found = self.arrays.layout, np.zeros(len(self.springs))
+        for k, spring in enumerate(self.springs):
+            if layout.plane and min(spring.first, spring.second) >= 0:
+                found[k] = coordinates[layout.place("psi", spring.second)] - coordinates[layout.place("psi", spring.first)]
+        return found
+
+    def given_at(self, memory: Memory, t: Array) -> Array:
+        """Return the lengths (N, n, 6) that are not free, with two derivatives, at times t (N,)."""
+        found = np.empty((len(t), *self.arrays.given.shape))
+        given_along(self.plant, memory, t, found)
+        return found
+
+    def postures(self, t: Array, states: Array) -> Postures:
+        """Return where every point is at the samples t (N,), states (N, ny)."""
+        memory = make_memory(self.plant, self.arrays.given)
+        return self.arrays.postures(states[:, : self.positions + self.velocities], self.given_at(memory, t))
 
 
 def obstacle(mechanism: Mechanism, run: Run) -> str | None:
@@ -90,7 +100,8 @@ def make_core_plan(
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
     works = {name: at for at, name in enumerate(work_names)}
-    roots, laws, forces, acting = [], [], [], []
+    roots: list[Expression] = []
+    laws, forces, acting = [], [], []
     for index, entry in enumerate(scene.forces):
         if entry.on is not None and entry.law is not None:
             force = mechanism.names.force(entry.on, f"forces[{index}].on")
@@ -103,11 +114,11 @@ def make_core_plan(
         forces.append((table.along(force), -1 - at, works[name]))
         acting.append(name)
     driven = []
-    for entry in prescribed:
-        link, side = _owner(mechanism, entry.name)
-        driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works[entry.force]))
-        roots.append(_law(mechanism, entry.law.text, entry.law.expression.key))
-        laws.append((entry.name, roots[-1].text))
+    for length in prescribed:
+        link, side = _owner(mechanism, length.name)
+        driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works[length.force]))
+        roots.append(_law(mechanism, length.law.text, length.law.expression.key))
+        laws.append((length.name, roots[-1].text))
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
@@ -120,7 +131,7 @@ def make_core_plan(
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
         bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
     )  # fmt: skip
-    return CorePlan(arrays, plant, table, compiled, tuple(laws), tuple(acting), tuple(events))
+    return CorePlan(arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events))
 
 
 def _law(mechanism: Mechanism, text: str | float, key: str) -> Expression:

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SimulationError, SingularError
-from vlmb.model.coordinates import POLE, read_angles, read_coordinates
+from vlmb.model.arrays import pinocchio_states
+from vlmb.model.coordinates import POLE, State, read_angles
 from vlmb.model.frozen import read_only
 from vlmb.model.mechanism import Mechanism
-from vlmb.model.names import GeneralizedForce
-from vlmb.model.reading import Postures
+from vlmb.model.names import DOT, GeneralizedForce
+from vlmb.model.reading import Postures, read_along
 from vlmb.scene.laws import Law, time_law
 from vlmb.system.frames import LinkFrames, Vector, between
 
@@ -82,19 +83,18 @@ def moment(channel: GeneralizedForce, phi: float, psi: float) -> Vector:
 class StateView:
     """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, points such as `legs.tip.z`.
 
-    `q`, `v` and `values` are read-only copies.
+    `values` and Pinocchio's `q`, `v` are read-only copies.
     """
 
-    def __init__(self, mechanism: Mechanism, t: float, q: Array, v: Array, branch: Sequence[float] | None) -> None:
-        self.mechanism, self.t = mechanism, t
-        self.q, self.v = read_only(np.array(q)), read_only(np.array(v))
-        layout = mechanism.layout
-        near = None if branch is None else np.array(branch)
-        values, rates = read_coordinates(layout, self.q, self.v, near)
+    def __init__(
+        self, mechanism: Mechanism, t: float, postures: Postures, branch: Sequence[float] | Array, state: State | None = None
+    ) -> None:
+        self.mechanism, self.t, self.postures, self._state = mechanism, t, postures, state
+        values, rates = read_along(postures.as_samples(), np.array([t]), np.array([branch], float))
+        self.coordinates, self.rates = read_only(values[0]), read_only(rates[0])
         named: dict[str, float] = {"t": t, **mechanism.scene.parameters}
-        for name, value, rate in zip(layout.names, values.tolist(), rates.tolist(), strict=True):
-            named[name], named[f"{name}_dot"] = value, rate
-        self.coordinates, self.rates = read_only(values), read_only(rates)
+        for name, value, rate in zip(mechanism.layout.names, self.coordinates.tolist(), self.rates.tolist(), strict=True):
+            named[name], named[f"{name}{DOT}"] = value, rate
         self.values: Mapping[str, float] = MappingProxyType(named)
 
     def __getitem__(self, name: str) -> float:
@@ -104,13 +104,48 @@ class StateView:
         return float(self.postures.read(quantity, self.coordinates, self.rates))
 
     @cached_property
-    def postures(self) -> Postures:
-        """Where every point is, and how it moves."""
-        return self.mechanism.postures((self.q, self.v))
+    def state(self) -> State:
+        """Pinocchio's (q, v)."""
+        q, v = pinocchio_states(self.postures) if self._state is None else self._state
+        return State(read_only(np.array(q)), read_only(np.array(v)))
+
+    @property
+    def q(self) -> Array:
+        """Pinocchio's configuration (nq,)."""
+        return self.state.q
+
+    @property
+    def v(self) -> Array:
+        """Pinocchio's velocity (nv,)."""
+        return self.state.v
 
     def position(self, link: str, point: str = "tip") -> Array:
         """Position (3,) [m] of a point in the surface frame."""
-        return self.mechanism.position((self.q, self.v), link, point)
+        return self.mechanism.position_of(self.postures, link, point)
+
+
+class ControlReader:
+    """Asks a control for the inputs: forces by the names of its first call, in their order; 0 for one that it leaves out."""
+
+    def __init__(self, control: Control, inputs: Sequence[str]) -> None:
+        self.control, self.inputs = control, tuple(inputs)
+        self.failure: BaseException | None = None  # what the control raised
+
+    def ask(self, view: StateView) -> list[float]:
+        """Return the forces (S,). What the control raises goes through; SceneError, SimulationError for a wrong answer."""
+        try:
+            answer = answer_of(self.control, view)
+        except BaseException as error:
+            self.failure = error
+            raise
+        for name in answer:
+            if name not in self.inputs:
+                first = ", ".join(self.inputs) or "none"
+                raise SceneError(f"control: {name!r} was not among the forces of the first call ({first}): name it there, with 0")
+        values = [answer.get(name, 0.0) for name in self.inputs]
+        if not all(map(math.isfinite, values)):
+            raise SimulationError(f"control returned a non-finite force: {answer}; its law must stay finite")
+        return values
 
 
 @dataclass(frozen=True)
@@ -147,10 +182,10 @@ class ForceWriter:
     """
 
     def __init__(self, mechanism: Mechanism, forces: AppliedForces, frames: LinkFrames, control: Control | None) -> None:
-        self.mechanism, self.forces, self.frames, self.control = mechanism, forces, frames, control
+        self.mechanism, self.forces, self.frames = mechanism, forces, frames
         self.channels, self.laws, self.inputs = forces.channels, forces.laws, forces.inputs or ()
         self.held = [math.nan] * len(self.inputs)
-        self.failure: BaseException | None = None  # what the control raised
+        self.reader = None if control is None else ControlReader(control, self.inputs)
         self.values = np.zeros(len(self.channels))
         self.columns = np.zeros((len(self.channels), mechanism.layout.nv))
         self.constant = all(channel.kind == "axis" for channel in self.channels)
@@ -165,7 +200,7 @@ class ForceWriter:
         for at, law in enumerate(self.laws):
             self.values[at] = law.value(t)
         if self.forces.inputs is not None:
-            self.values[len(self.laws) :] = self.held if self.control is None else self.ask(t, q, v, branch)
+            self.values[len(self.laws) :] = self.held if self.reader is None else self.ask(t, q, v, branch)
         if not self.constant:
             self._write_columns(branch)
         tau += self.values.dot(self.columns)
@@ -175,20 +210,9 @@ class ForceWriter:
             column(channel, self.frames, branch, self.columns[at])
 
     def ask(self, t: float, q: Array, v: Array, branch: Sequence[float]) -> list[float]:
-        """Ask the control; its forces in the order of `inputs`, 0 for one it leaves out."""
-        try:
-            answer = answer_of(self.control, StateView(self.mechanism, t, q, v, branch))
-        except BaseException as error:
-            self.failure = error
-            raise
-        for name in answer:
-            if name not in self.inputs:
-                first = ", ".join(self.inputs) or "none"
-                raise SceneError(f"control: {name!r} was not among the forces of the first call ({first}): name it there, with 0")
-        values = [answer.get(name, 0.0) for name in self.inputs]
-        if not all(map(math.isfinite, values)):
-            raise SimulationError(f"control returned a non-finite force: {answer}; its law must stay finite")
-        return values
+        """Ask the control; its forces in the order of `inputs`."""
+        assert self.reader is not None
+        return self.reader.ask(StateView(self.mechanism, t, self.mechanism.postures((q, v)), branch, State(q, v)))
 
 
 def answer_of(control: Control | None, view: StateView) -> dict[str, float]:

@@ -288,7 +288,7 @@ class Workspace:
 
     def inputs(self, t: float, state: State) -> Array:
         """Ask the control, once, for the forces (S,) that it gives at a state."""
-        asked = self.applied.control is not None and self.applied.inputs
+        asked = self.applied.reader is not None and self.applied.inputs
         return np.array(self.applied.ask(t, *state, self._branch) if asked else self.applied.held)
 
     def evaluate(

@@ -1,0 +1,174 @@
+"""The compiled core as an engine: the buffers of one run, its requests answered, its codes as sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core import tree as faults
+from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, TIME, Driver
+from vlmb.core.march import march
+from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FROM_SPRING, SOURCES, evaluate, make_memory
+from vlmb.core.run import accept, indicate, longest_step, run
+from vlmb.errors import SimulationError, SingularError, VlmbError
+from vlmb.model.coordinates import State
+from vlmb.model.mechanism import Mechanism
+from vlmb.system.core_plan import CorePlan
+from vlmb.system.events import Event
+from vlmb.system.forces import Control, ControlReader, StateView
+
+Array = NDArray[np.float64]
+
+CONTROLLED = 99  # code of an evaluation in which the control failed
+
+
+class CoreEngine:
+    """Accelerations of one run by the compiled core; y = (positions, velocities, work). One thread at a time."""
+
+    name = "core"
+
+    def __init__(self, mechanism: Mechanism, plan: CorePlan, control: Control | None, inputs: Sequence[str]) -> None:
+        self.mechanism, self.plan = mechanism, plan
+        self.size = plan.positions + plan.velocities + int(plan.plant.size[0])
+        self.memory = make_memory(plan.plant, plan.arrays.given, len(inputs))
+        self.reader = None if control is None else ControlReader(control, inputs)
+        self.branch = np.zeros(len(mechanism.layout.names))
+        self.asked: list[Array] = []  # the forces of the control at the samples taken so far
+        self.scratch = np.zeros((9, len(plan.events)))
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What is looked for after every step."""
+        return self.plan.events
+
+    def pack(self, state: State) -> Array:
+        """Return y for Pinocchio's state, with no work done."""
+        return np.concatenate([self.plan.arrays.pack(state.q, state.v), np.zeros(int(self.plan.plant.size[0]))])
+
+    def take_branch(self, coordinates: Array) -> None:
+        """Read angles near these coordinates (N,) from now on."""
+        self.branch = np.array(coordinates)
+        self.memory.reference[:] = self.plan.table.reference(coordinates)
+        self.memory.near[:] = self.plan.spring_angles(coordinates)
+
+    def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
+        """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
+        if self.reader is None:
+            return run(self.plan.plant, self.memory, driver, bounds, h_max)
+        return self._run_controlled(driver, bounds, h_max)
+
+    def evaluate(self, t: float, y: Array) -> Array:
+        """Return y' at (t, y). Raises what `fault` names."""
+        dy = np.zeros(self.size)
+        if self.reader is not None:
+            self._ask(t, y)
+        code = evaluate(self.plan.plant, self.memory, t, np.ascontiguousarray(y), dy)
+        if code:
+            raise self.fault(code)
+        return dy
+
+    def indicators(self, t: float, y: Array) -> Array:
+        """Return the indicators (e,) of all events."""
+        indicate(self.plan.plant, self.memory, t, y, np.zeros(self.size), self.scratch)
+        return np.array(self.scratch[0])
+
+    def failure(self, driver: Driver) -> VlmbError | None:
+        """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
+        code = int(driver.counts[FIRST_FAILURE])
+        if code == CONTROLLED and self.reader is not None and isinstance(self.reader.failure, VlmbError):
+            return self.reader.failure
+        return self.fault(code) if code else None
+
+    def fault(self, code: int) -> VlmbError:
+        """Make the error of an evaluation's code."""
+        source, what = divmod(code, SOURCES)
+        table, links = self.plan.table, self.mechanism.layout.links
+        if source == FROM_LAW:
+            return SimulationError(f"the law {self._law(what)!r} of the force on {self.plan.acting[what]} has no finite value")
+        if source == FROM_FORCE:
+            return self._no_force(what)
+        if source == FROM_SPRING:
+            spring = self.plan.springs[what]
+            return SingularError(
+                f"{spring.name}: the two directions line up, where a spring with rest = {spring.rest:g} has no axis to turn "
+                "about; start elsewhere or use rest = 0"
+            )
+        if source == FROM_QUANTITY:
+            which, _ = divmod(what, 3)
+            return SingularError(f"{table.labels[which]} has no value here: it stands at its pole")
+        assert source == FROM_LINKS
+        fault, row = divmod(what, faults.PLACES)
+        name = links[self.plan.arrays.order[row]].name if row < len(links) else "the base"
+        return self._without_inertia(fault, name)
+
+    def _without_inertia(self, fault: int, name: str) -> VlmbError:
+        if fault == faults.NO_DIRECTION:
+            return SimulationError(f"the state of {name} is not finite: a position or velocity is too large to compute with")
+        motion = {
+            faults.FREE_TIP: f"a free segment of {name!r} moves its tip along the link",
+            faults.FREE_ROD: f"the rod of {name!r} slides between two free segments",
+            faults.TURNING: f"{name!r} turns about its hinge",
+            faults.FREE_BASE: "the base moves",
+        }[fault]
+        hints = " ".join(self.mechanism.warnings)
+        return SingularError(f"the mass matrix is singular: {motion} without inertia. {hints}".rstrip())
+
+    def _no_force(self, k: int) -> VlmbError:
+        """Say why a force has no direction: an azimuth at its pole, or two directions in line."""
+        name = self.plan.acting[k]
+        if name.startswith("T_"):
+            return SingularError(
+                f"{name}: the link and its parent line up, where this hinge torque has no axis; bend the hinge at the start, "
+                "or use M_psi or a spring between directions"
+            )
+        link = self.mechanism.names.forces[name].link
+        return SingularError(
+            f"{name}: link {link + 1} stands at the pole, where the torque M_phi / cos(psi) is unbounded; use a hinge torque "
+            "T_<link> or an equation for the link's direction"
+        )
+
+    def _law(self, k: int) -> str:
+        return self.plan.laws[k][1] if k < len(self.plan.laws) else "control"
+
+    def _run_controlled(self, driver: Driver, bounds: Array, h_max: float) -> int:
+        """The same as the compiled run, with the control asked at every evaluation and once for every sample."""
+        plant, memory, counts, real = self.plan.plant, self.memory, driver.counts, driver.real
+        while True:
+            code = march(driver)
+            self._take_samples(driver)
+            if code == EVALUATE:
+                try:
+                    self._ask(float(real[TIME]), driver.point)
+                    counts[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
+                except VlmbError:
+                    counts[FAILURE] = CONTROLLED
+            elif code == INDICATE:
+                accept(plant, memory, driver.point)
+                self.branch = self._coordinates(driver.point, float(real[TIME]))
+                real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
+                indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
+            else:
+                return int(code)
+
+    def _take_samples(self, driver: Driver) -> None:
+        """Ask the control, once, for the forces at each sample written since."""
+        while len(self.asked) < driver.counts[NEXT_SAMPLE]:
+            at = len(self.asked)
+            self.asked.append(np.array(self._ask(float(driver.times[at]), driver.samples[at])))
+
+    def _ask(self, t: float, y: Array) -> list[float]:
+        assert self.reader is not None
+        values = self.reader.ask(self.view(t, y))
+        self.memory.inputs[:] = values
+        return values
+
+    def view(self, t: float, y: Array) -> StateView:
+        """Return what a control sees at (t, y)."""
+        given = self.plan.given_at(self.memory, np.array([t]))[0]
+        seen = self.plan.arrays.postures(np.array(y[: self.plan.positions + self.plan.velocities]), given)
+        return StateView(self.mechanism, t, seen, self.branch)
+
+    def _coordinates(self, y: Array, t: float) -> Array:
+        return self.view(t, y).coordinates

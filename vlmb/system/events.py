@@ -1,0 +1,22 @@
+"""What is looked for along a run: lengths at their limits, points on the snow, switches of laws, lines that swap."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+LIMIT, FALL, SWITCH, LINE_UP, QUIET = range(5)  # kinds of events; QUIET never happens
+FALLING, BOTH_WAYS = -1.0, 0.0
+
+
+class Event(NamedTuple):
+    """Something that is looked for: what it is, the way its indicator crosses zero, and the sentence of a run that it ends."""
+
+    kind: int
+    direction: float
+    name: str
+    sentence: str
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends a run; a switch only begins a new step."""
+        return self.kind in (LIMIT, FALL)
