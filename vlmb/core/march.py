@@ -46,6 +46,7 @@ from vlmb.core.driver import (
     PATIENCE,
     PHASE,
     READY,
+    REFUSED,
     REJECTED,
     REJECTIONS,
     RETRY,
@@ -83,7 +84,7 @@ AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPE
 GO = 100  # go on without asking
 NEARLY = 0.99  # a step that comes this near to the end goes to the end
 NO_STEP = 1e-9  # of a fixed step, which is rounding
-REFUSED = 0.25  # factor of a step where f has no answer
+AFTER_FAILURE = 0.25  # factor of a step where f has no answer
 ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way from start to end
 
 
@@ -94,7 +95,9 @@ def march(driver: Driver) -> int:
     while code == GO:
         phase = driver.counts[PHASE]
         if phase == STAGES:
-            code = _go_on_with_step(driver)
+            code = REFUSED if driver.counts[FAILURE] else next_stage(driver)
+            if code >= ACCEPTED:
+                code = _settle(driver, code)
         elif phase == TRIAL:
             code = _begin_step(driver)
         elif phase == INDICATED:
@@ -213,16 +216,13 @@ def _is_stuck(driver: Driver) -> bool:
 
 
 @kernel
-def _go_on_with_step(driver: Driver) -> int:
-    """Hand an answer to the method; an accepted step goes to the indicators, or straight to the samples."""
-    if driver.counts[FAILURE]:
-        return _refuse(driver)
-    code = next_stage(driver)
+def _settle(driver: Driver, code: int) -> int:
+    """Act on what a method says of its step or its dense output."""
     if code == ACCEPTED:
         return _accept(driver)
     if code == READY:
         return _have_dense(driver)
-    return _retry(driver) if code == REJECTED else code
+    return _retry(driver) if code == REJECTED else _refuse(driver)
 
 
 @kernel
@@ -248,7 +248,7 @@ def _refuse(driver: Driver) -> int:
     if count[METHOD] <= LAST_FIXED:
         count[PHASE] = OVER
         return FAILED if failed else NOT_FINITE
-    real[H_NEXT] = REFUSED * real[H]
+    real[H_NEXT] = AFTER_FAILURE * real[H]
     return _retry(driver)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from vlmb.core.adams import interpolate_adams, next_adams
 from vlmb.core.dop853 import interpolate_dop853, next_dop853
-from vlmb.core.driver import ADAMS, DOP853, METHOD, Array, Driver
+from vlmb.core.driver import ADAMS, DOP853, METHOD, RADAU, Array, Driver
 from vlmb.core.fixed import interpolate_cubic, next_fixed
 from vlmb.core.jit import kernel
+from vlmb.core.radau import interpolate_radau, next_radau
 
 
 @kernel
@@ -21,6 +22,8 @@ def next_stage(driver: Driver) -> int:
         return next_dop853(driver)
     if method == ADAMS:
         return next_adams(driver)
+    if method == RADAU:
+        return next_radau(driver)
     return next_fixed(driver)
 
 
@@ -32,5 +35,7 @@ def interpolate(driver: Driver, t: float, y: Array) -> None:
         interpolate_dop853(driver, t, y)
     elif method == ADAMS:
         interpolate_adams(driver, t, y)
+    elif method == RADAU:
+        interpolate_radau(driver, t, y)
     else:
         interpolate_cubic(driver, t, y)
