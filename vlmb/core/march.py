@@ -15,8 +15,11 @@ from __future__ import annotations
 
 import math
 
+from vlmb.core.adams import next_adams
+from vlmb.core.dop853 import next_dop853
 from vlmb.core.driver import (
     ACCEPTED,
+    ADAMS,
     AFTER_DENSE,
     ANSWER,
     BEGIN,
@@ -24,6 +27,7 @@ from vlmb.core.driver import (
     CROSSING,
     DENSE,
     DONE,
+    DOP853,
     END,
     EVALUATE,
     EVALUATIONS,
@@ -45,6 +49,7 @@ from vlmb.core.driver import (
     NOT_FINITE,
     PATIENCE,
     PHASE,
+    RADAU,
     READY,
     REFUSED,
     REJECTED,
@@ -75,9 +80,11 @@ from vlmb.core.driver import (
     Y,
 )
 from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
+from vlmb.core.fixed import next_fixed
 from vlmb.core.indicators import find_suspects, note_start, note_step
+from vlmb.core.interpolate import interpolate
 from vlmb.core.jit import kernel
-from vlmb.core.methods import interpolate, next_stage
+from vlmb.core.radau import next_radau
 
 # What the last answer was given to
 AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
@@ -90,12 +97,26 @@ ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way
 
 @kernel
 def march(driver: Driver) -> int:
-    """Go on to the next thing that is asked of the caller; return its code."""
+    """Go on to the next thing that is asked of the caller; return its code.
+
+    A method answers EVALUATE; ACCEPTED with the rows Y_NEW and F_NEW, and H_NEXT; REJECTED with H_NEXT; READY: its dense output
+    may be asked; DIVERGED.
+    """
     code = GO
     while code == GO:
         phase = driver.counts[PHASE]
         if phase == STAGES:
-            code = REFUSED if driver.counts[FAILURE] else next_stage(driver)
+            method = driver.counts[METHOD]
+            if driver.counts[FAILURE]:
+                code = REFUSED
+            elif method == DOP853:
+                code = next_dop853(driver)
+            elif method == ADAMS:
+                code = next_adams(driver)
+            elif method == RADAU:
+                code = next_radau(driver)
+            else:
+                code = next_fixed(driver)
             if code >= ACCEPTED:
                 code = _settle(driver, code)
         elif phase == TRIAL:
