@@ -28,6 +28,9 @@ STUCK, FAILED, NOT_FINITE, DIVERGED = -1, -2, -3, -4  # steps too small; f has n
 
 # What a method answers to the march, and what the march says for it where f has no answer
 ACCEPTED, REJECTED, READY, REFUSED = 10, 11, 12, 13
+# Phases of the march: what the next call goes on with
+AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
+GO = 100  # go on without asking
 # What STAGE asks a method for before its own stages, which count from 0
 BEGIN, BEGIN_DENSE = -1, -2
 
