@@ -29,8 +29,8 @@ from vlmb.core.driver import (
 )
 from vlmb.core.march import march
 
-ALL = ["euler", "rk4", "gauss", "dop853", "adams"]
-GOOD = ["dop853", "adams"]
+ALL = ["euler", "rk4", "gauss", "dop853", "adams", "radau"]
+GOOD = ["dop853", "adams", "radau"]
 
 
 def position(level):

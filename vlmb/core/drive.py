@@ -33,7 +33,8 @@ from vlmb.core.driver import (
     make_driver,
 )
 from vlmb.core.locate import Crossing, crossings
-from vlmb.core.march import march, state_at
+from vlmb.core.march import march
+from vlmb.core.samples import state_at
 
 Rhs = Callable[[float, Array], Array]
 Indicate = Callable[[float, Array, Array], tuple[Array, Array]]

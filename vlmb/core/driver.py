@@ -26,8 +26,11 @@ SLICE = 4  # the evaluations of a slice are used up: look at signals and call ag
 STOPPED = 5  # at STOP_TIME: TIME and `point` hold t and y there
 STUCK, FAILED, NOT_FINITE, DIVERGED = -1, -2, -3, -4  # steps too small; f has no answer; not finite; no stages at this step size
 
-# What a method answers to the march.
-ACCEPTED, REJECTED, READY = 10, 11, 12
+# What a method answers to the march, and what the march says for it where f has no answer
+ACCEPTED, REJECTED, READY, REFUSED = 10, 11, 12, 13
+# Phases of the march: what the next call goes on with
+AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
+GO = 100  # go on without asking
 # What STAGE asks a method for before its own stages, which count from 0
 BEGIN, BEGIN_DENSE = -1, -2
 
@@ -40,7 +43,7 @@ FAILURE, ANSWER, SLICE_SIZE, PATIENCE, EVALUATIONS, STEPS, REJECTIONS, FIRST_FAI
 # of the march
 METHOD, PHASE, SLICE_USED, TRIALS, LAST, DENSE, RETRY, STEP_INDEX, STEP_COUNT, RESUMED, AFTER_DENSE = range(9, 20)
 # of a method
-STAGE, ORDER, NEXT_ORDER, LAST_ORDER, EQUAL_STEPS, RAISING, ITERATION, FRESH_JACOBIAN, FACTORED, REFUSALS = range(20, 30)
+STAGE, ORDER, NEXT_ORDER, LAST_ORDER, EQUAL_STEPS, RAISING, ITERATION, JACOBIAN, FACTORED, REFUSALS = range(20, 30)
 PIVOTS = 32  # from here on
 GO_ON, STOP = range(2)  # answers to CROSSING
 
@@ -98,7 +101,7 @@ def make_driver(
     slice_size : evaluations after which `march` returns SLICE
     """
     kind = METHODS[method]
-    own_rows = (0, 3, 5, 21, 36, 4 * size + 16)[kind]
+    own_rows = (0, 3, 5, 21, 36, 4 * size + 15)[kind]
     wanted = np.zeros(0) if times is None else np.ascontiguousarray(times, dtype=float)
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
     driver = Driver(

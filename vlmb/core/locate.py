@@ -11,7 +11,7 @@ import numpy as np
 
 from vlmb.core.driver import DIRECTION, HIT, RATE, RATE_BEFORE, SIDE, T_NEW, TIME_BEFORE, VALUE, VALUE_BEFORE, Array, Driver, H
 from vlmb.core.indicators import leaves, sign, turning_points
-from vlmb.core.march import state_at
+from vlmb.core.samples import state_at
 
 LOOKS = 8  # evenly spaced looks at an indicator in the step, besides those where its cubic turns
 TOLERANCE = 4.0 * np.finfo(float).eps  # of a root, relative to the larger of t and the step

@@ -4,19 +4,21 @@ A caller's loop, compiled or not:
 
     begin(driver, t, end)  # y in driver.point
     code = march(driver)
-    while code > DONE:
+    while code > DONE and code != STOPPED:
         if code == EVALUATE:
-            count[FAILURE] = f(real[TIME], driver.point, driver.slope)
+            driver.counts[FAILURE] = f(driver.real[TIME], driver.point, driver.slope)
         elif code == INDICATE: ...
+        elif code == CROSSING: ...
         code = march(driver)
 """
 
 from __future__ import annotations
 
-import math
-
+from vlmb.core.adams import next_adams
+from vlmb.core.dop853 import next_dop853
 from vlmb.core.driver import (
     ACCEPTED,
+    ADAMS,
     AFTER_DENSE,
     ANSWER,
     BEGIN,
@@ -24,6 +26,7 @@ from vlmb.core.driver import (
     CROSSING,
     DENSE,
     DONE,
+    DOP853,
     END,
     EVALUATE,
     EVALUATIONS,
@@ -31,28 +34,34 @@ from vlmb.core.driver import (
     FAILED,
     FAILURE,
     FIRST_FAILURE,
+    GO,
     GO_ON,
     H_LAST,
     H_MAX,
     H_NEXT,
     H_PLANNED,
     INDICATE,
+    INDICATED,
     LAST,
     LAST_FIXED,
     LEAST_PROGRESS,
     METHOD,
-    NEXT_SAMPLE,
     NOT_FINITE,
+    OVER,
     PATIENCE,
     PHASE,
+    RADAU,
     READY,
+    REFUSED,
     REJECTED,
     REJECTIONS,
     RETRY,
+    SAMPLING,
     SLICE,
     SLICE_SIZE,
     SLICE_USED,
     STAGE,
+    STAGES,
     START,
     STEP_COUNT,
     STEP_INDEX,
@@ -61,40 +70,56 @@ from vlmb.core.driver import (
     STOP_TIME,
     STOPPED,
     STUCK,
+    SUSPECTED,
     T_NEW,
     TIME,
     TIME_BEFORE,
+    TRIAL,
     TRIALS,
     WINDOW,
     Y_NEW,
-    Array,
     Driver,
     F,
     H,
     Y,
 )
-from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
-from vlmb.core.indicators import find_suspects, note_start, note_step
+from vlmb.core.first_step import is_finite
+from vlmb.core.fixed import next_fixed
+from vlmb.core.indicators import find_suspects, note_step
 from vlmb.core.jit import kernel
-from vlmb.core.methods import interpolate, next_stage
+from vlmb.core.radau import next_radau
+from vlmb.core.samples import sample_inside, state_at, write_samples
+from vlmb.core.start import go_on_with_start
 
-# What the last answer was given to
-AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
-GO = 100  # go on without asking
 NEARLY = 0.99  # a step that comes this near to the end goes to the end
-NO_STEP = 1e-9  # of a fixed step, which is rounding
-REFUSED = 0.25  # factor of a step where f has no answer
+AFTER_FAILURE = 0.25  # factor of a step where f has no answer
 ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way from start to end
 
 
 @kernel
 def march(driver: Driver) -> int:
-    """Go on to the next thing that is asked of the caller; return its code."""
+    """Go on to the next thing that is asked of the caller; return its code.
+
+    A method answers EVALUATE; ACCEPTED with the rows Y_NEW and F_NEW, and H_NEXT; REJECTED with H_NEXT; READY: its dense output
+    may be asked; DIVERGED.
+    """
     code = GO
     while code == GO:
         phase = driver.counts[PHASE]
         if phase == STAGES:
-            code = _go_on_with_step(driver)
+            method = driver.counts[METHOD]
+            if driver.counts[FAILURE]:
+                code = REFUSED
+            elif method == DOP853:
+                code = next_dop853(driver)
+            elif method == ADAMS:
+                code = next_adams(driver)
+            elif method == RADAU:
+                code = next_radau(driver)
+            else:
+                code = next_fixed(driver)
+            if code >= ACCEPTED:
+                code = _settle(driver, code)
         elif phase == TRIAL:
             code = _begin_step(driver)
         elif phase == INDICATED:
@@ -102,73 +127,13 @@ def march(driver: Driver) -> int:
         elif phase in (SUSPECTED, SAMPLING):
             code = _finish_step(driver)
         else:
-            code = _go_on_with_start(driver)
+            code = go_on_with_start(driver)
     if code < DONE:
         _show_start_of_step(driver)
     if code == EVALUATE:
         driver.counts[EVALUATIONS] += 1
         driver.counts[SLICE_USED] += 1
     return code
-
-
-@kernel
-def _go_on_with_start(driver: Driver) -> int:
-    """From `begin` to the first step."""
-    count, real = driver.counts, driver.real
-    phase = count[PHASE]
-    if phase == AT_START:
-        count[PHASE] = FIRST_SLOPE
-        return EVALUATE
-    if phase == FIRST_SLOPE:
-        return _take_first_slope(driver)
-    if phase == FIRST_INDICATORS:
-        note_start(driver)
-        return _choose_first_step(driver)
-    if phase == PROBED:
-        real[H_NEXT] = step_from_probe(driver)
-        count[FAILURE] = 0
-        count[PHASE] = TRIAL
-        return GO
-    return DONE
-
-
-@kernel
-def _take_first_slope(driver: Driver) -> int:
-    """Keep f at the start, write samples there."""
-    count, real = driver.counts, driver.real
-    if count[FAILURE]:
-        count[FIRST_FAILURE] = count[FAILURE]
-        return FAILED
-    if not (is_finite(driver.slope) and is_finite(driver.point)):
-        return NOT_FINITE
-    for j in range(driver.slope.shape[0]):
-        driver.rows[F, j] = driver.slope[j]
-        driver.rows[F_NEW, j] = driver.slope[j]
-    _write_samples(driver, real[START])
-    if not real[START] < real[END]:
-        count[PHASE] = OVER
-        return DONE
-    if driver.indicators.shape[1]:
-        count[PHASE] = FIRST_INDICATORS
-        return INDICATE
-    return _choose_first_step(driver)
-
-
-@kernel
-def _choose_first_step(driver: Driver) -> int:
-    """Take the step asked for, or probe for one; fixed steps divide the way evenly."""
-    count, real = driver.counts, driver.real
-    count[PHASE] = TRIAL
-    if count[METHOD] <= LAST_FIXED:
-        way = real[END] - real[START]
-        count[STEP_COUNT] = max(1, math.ceil(way / min(real[H_NEXT], real[H_MAX]) - NO_STEP))
-        real[H_NEXT] = way / count[STEP_COUNT]
-        return GO
-    if real[H_NEXT] > 0.0:
-        return GO
-    ask_probe(driver)
-    count[PHASE] = PROBED
-    return EVALUATE
 
 
 @kernel
@@ -213,16 +178,13 @@ def _is_stuck(driver: Driver) -> bool:
 
 
 @kernel
-def _go_on_with_step(driver: Driver) -> int:
-    """Hand an answer to the method; an accepted step goes to the indicators, or straight to the samples."""
-    if driver.counts[FAILURE]:
-        return _refuse(driver)
-    code = next_stage(driver)
+def _settle(driver: Driver, code: int) -> int:
+    """Act on what a method says of its step or its dense output."""
     if code == ACCEPTED:
         return _accept(driver)
     if code == READY:
         return _have_dense(driver)
-    return _retry(driver) if code == REJECTED else code
+    return _retry(driver) if code == REJECTED else _refuse(driver)
 
 
 @kernel
@@ -248,7 +210,7 @@ def _refuse(driver: Driver) -> int:
     if count[METHOD] <= LAST_FIXED:
         count[PHASE] = OVER
         return FAILED if failed else NOT_FINITE
-    real[H_NEXT] = REFUSED * real[H]
+    real[H_NEXT] = AFTER_FAILURE * real[H]
     return _retry(driver)
 
 
@@ -315,9 +277,9 @@ def _finish_step(driver: Driver) -> int:
     count, real = driver.counts, driver.real
     stops = driver.indicators.shape[1] > 0 and count[ANSWER] == STOP
     until = min(max(real[STOP_TIME], real[TIME_BEFORE]), real[T_NEW]) if stops else real[T_NEW]
-    if count[DENSE] == 0 and _sample_inside(driver, until):
+    if count[DENSE] == 0 and sample_inside(driver, until):
         return _want_dense(driver, SAMPLING)
-    _write_samples(driver, until)
+    write_samples(driver, until)
     count[STEPS] += 1
     if stops:
         real[TIME] = until
@@ -348,32 +310,3 @@ def _step_on(driver: Driver) -> int:
     count[FIRST_FAILURE] = 0
     count[PHASE] = TRIAL
     return GO
-
-
-@kernel
-def _sample_inside(driver: Driver, until: float) -> bool:
-    """Whether the next sample is within the step and not at its end."""
-    k = driver.counts[NEXT_SAMPLE]
-    return k < driver.times.shape[0] and driver.times[k] <= until and driver.times[k] < driver.real[T_NEW]
-
-
-@kernel
-def _write_samples(driver: Driver, until: float) -> None:
-    """Write all samples up to a time, by the dense output if it is ready."""
-    count, times = driver.counts, driver.times
-    while count[NEXT_SAMPLE] < times.shape[0] and times[count[NEXT_SAMPLE]] <= until:
-        k = count[NEXT_SAMPLE]
-        state_at(driver, times[k], driver.samples[k])
-        count[NEXT_SAMPLE] = k + 1
-
-
-@kernel
-def state_at(driver: Driver, t: float, y: Array) -> None:
-    """Write y(t) within the step under way: its ends as they are, the dense output between them."""
-    inside = driver.real[TIME_BEFORE] < t < driver.real[T_NEW]
-    if inside:
-        interpolate(driver, t, y)
-        return
-    row = Y if t <= driver.real[TIME_BEFORE] else Y_NEW
-    for j in range(y.shape[0]):
-        y[j] = driver.rows[row, j]
