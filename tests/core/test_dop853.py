@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from problems import kepler, kepler_at, oscillator, oscillator_at
 from scipy.integrate import ode, solve_ivp
 
+from tests.core.problems import kepler, kepler_at, oscillator, oscillator_at
 from vlmb.core.drive import drive
 from vlmb.core.driver import DONE
 

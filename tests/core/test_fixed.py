@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import kepler, kepler_at, oscillator
 
+from tests.core.problems import kepler, kepler_at, oscillator
 from vlmb.core.drive import drive
 from vlmb.core.driver import DIVERGED, DONE, NOT_FINITE, STEPS, Driver, begin, make_driver
 from vlmb.core.jit import COMPILED, kernel

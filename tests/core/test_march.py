@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import ball, kepler, kepler_at, oscillator
 
+from tests.core.problems import ball, kepler, kepler_at, oscillator
 from vlmb.core.drive import drive
 from vlmb.core.driver import (
     DONE,
