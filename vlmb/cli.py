@@ -19,7 +19,8 @@ from vlmb.equations import matrices
 from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
 from vlmb.model.long_chains import is_long
-from vlmb.model.mechanism import build, data_bytes
+from vlmb.model.mechanism import build
+from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.simulation.integrate import METHODS

@@ -303,7 +303,7 @@ def test_links_never_spin(name: str) -> None:
 
 
 def test_a_model_that_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vlmb.model.mechanism, "_available_memory", lambda: 2**20)
+    monkeypatch.setattr(vlmb.model.memory, "_available_memory", lambda: 2**20)
     monkeypatch.setattr(vlmb.model.mechanism.pin, "Data", lambda model: pytest.fail("Data was allocated"))
     with pytest.raises(vlmb.VlmbError, match=r"50 velocities need about 0\.0 GiB.*use fewer links"):
         vlmb.build(scene(PIVOT, 10))
@@ -311,14 +311,14 @@ def test_a_model_that_does_not_fit_is_refused_before_it_is_made(monkeypatch: pyt
 
 @pytest.mark.parametrize("available", [0, 2**40])
 def test_a_model_that_fits_or_cannot_be_judged_is_made(available: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vlmb.model.mechanism, "_available_memory", lambda: available)
+    monkeypatch.setattr(vlmb.model.memory, "_available_memory", lambda: available)
     assert vlmb.build(scene(PIVOT, 3)).model.nv == 15
 
 
 def test_memory_of_this_machine_is_known_or_zero() -> None:
-    assert vlmb.model.mechanism._available_memory() >= 0
-    assert vlmb.model.mechanism.data_bytes(250) == pytest.approx(0.5e9, rel=0.01)
-    assert vlmb.model.mechanism.data_bytes(500) == pytest.approx(4e9, rel=0.01)
+    assert vlmb.model.memory._available_memory() >= 0
+    assert vlmb.model.memory.data_bytes(250) == pytest.approx(0.5e9, rel=0.01)
+    assert vlmb.model.memory.data_bytes(500) == pytest.approx(4e9, rel=0.01)
 
 
 # State and coordinates -----------------------------------------------------------------------------------------------

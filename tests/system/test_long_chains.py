@@ -263,7 +263,7 @@ def test_controls_and_other_forms_of_the_knife_edge_are_refused() -> None:
 
 def test_a_chain_whose_one_model_does_not_fit_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 3 * LONG_CHAIN
-    monkeypatch.setattr(vlmb.model.mechanism, "_available_memory", lambda: 2**26)
+    monkeypatch.setattr(vlmb.model.memory, "_available_memory", lambda: 2**26)
     start = {f"psi{i + 1}": -1.0 - 0.01 * i for i in range(count)}
     made = scene(PIVOT, count, start=start)
     trajectory = vlmb.simulate(made, duration=0.01, t_eval=[0.0, 0.01], rtol=1e-9, atol=1e-11)

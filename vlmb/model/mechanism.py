@@ -7,7 +7,6 @@ A fixed segment makes no joint; an upper segment on which nothing hangs makes no
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,9 +21,11 @@ from vlmb.model import coordinates as chart
 from vlmb.model.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.display import Displayed
 from vlmb.model.long_chains import is_long
-from vlmb.model.names import POINTS, Names
+from vlmb.model.memory import refuse_what_does_not_fit
+from vlmb.model.names import Names
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
+from vlmb.scene.places import on_rod
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import BASE, Segment
 
@@ -53,7 +54,7 @@ class Mechanism(Displayed):
 
         Raises VlmbError where it does not fit in memory.
         """
-        _refuse_what_does_not_fit(self.model.nv)
+        refuse_what_does_not_fit(self.model.nv)
         data = pin.Data(self.model)
         if not self.model.check(data):
             raise VlmbError("internal: joints are not depth-first; crba would be wrong")
@@ -112,7 +113,7 @@ def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
     scene = as_scene(scene)
     builder = _Builder(scene)
     if scene.base.kind == "ski" or not is_long(scene):
-        _refuse_what_does_not_fit(builder.model.nv)
+        refuse_what_does_not_fit(builder.model.nv)
     return Mechanism(scene, builder.model, builder.layout(), builder.frames, tuple(builder.left_out), tuple(builder.warnings))
 
 
@@ -130,14 +131,20 @@ class _Builder:
         self.links: dict[int, LinkIndex] = {}
         self.order: list[int] = []
         self.names = [link.name for link in scene.links]
-        self.children: dict[tuple[str, str], list[int]] = {}
+        self.places = {name: i for i, name in enumerate(self.names)}
+        self.children: dict[tuple[str, str], list[int]] = {}  # on the "tip" or on the "rod" of a link, or on the base
+        self.on_rod: dict[int, float] = {}  # [m] from the start of the parent's rod
         for i, link in enumerate(scene.links):
-            point = "tip" if link.parent == BASE else link.parent_point
-            self.children.setdefault((link.parent, point), []).append(i)
+            place = None if link.parent == BASE else on_rod(scene.links[self.places[link.parent]], link.parent_point)
+            self.children.setdefault((link.parent, "tip" if place is None else "rod"), []).append(i)
+            if place is not None:
+                self.on_rod[i] = place
+        for hanging in self.children.values():
+            hanging.sort(key=lambda i: self.on_rod.get(i, 0.0))
         self.carried = [self._carried(i) for i in range(len(scene.links))]
         base = self._add_base()
         for first in self.children.get((BASE, "tip"), []):
-            self._add_link(first, base, np.zeros(3))
+            self._add_link(first, base, np.array(scene.links[first].anchor or np.zeros(3)))
         self._look_for_straight_legs()
 
     def layout(self) -> Layout:
@@ -172,8 +179,8 @@ class _Builder:
         while stack:
             link = self.scene.links[stack.pop()]
             total += link.rod.mass + link.tip_mass
-            for point in POINTS[1:]:
-                stack += self.children.get((link.name, point), [])
+            for place in ("tip", "rod"):
+                stack += self.children.get((link.name, place), [])
         return total
 
     def _add_base(self) -> int:
@@ -228,16 +235,16 @@ class _Builder:
             point = pin.Inertia(link.tip_mass, np.zeros(3), np.zeros((3, 3)))
             self.model.appendBodyToJoint(tip_joint, point, pin.SE3(np.eye(3), _along(tip_at)))
         rotation_model = self.model.joints[hinge]
-        parent = self.names.index(link.parent) if link.parent != BASE else -1
+        parent = self.places.get(link.parent, -1)
+        point = "tip" if parent < 0 else "rod" if isinstance(link.parent_point, float) else link.parent_point
         self.links[i] = LinkIndex(
-            link.name, parent, link.parent_point if parent >= 0 else "tip", link.rod.length,
-            hinge, rotation_model.idx_q, rotation_model.idx_v, lower, upper,
+            link.name, parent, point, link.rod.length, hinge, rotation_model.idx_q, rotation_model.idx_v, lower, upper,
+            self.on_rod.get(i, 0.0), link.anchor or (0.0, 0.0, 0.0),
         )  # fmt: skip
         self.order.append(i)
         hanging = [(child, tip_joint, _along(tip_at)) for child in self.children.get((link.name, "tip"), [])]
-        for point, offset in (("rod_start", rod_at), ("rod_end", end_at)):
-            hanging += [(child, rod_joint, _along(offset)) for child in self.children.get((link.name, point), [])]
-        return hanging
+        on_it = self.children.get((link.name, "rod"), [])
+        return hanging + [(child, rod_joint, _along(rod_at + self.on_rod[child])) for child in on_it]
 
     def _add_segment(self, i: int, which: int, joint: int, at: float) -> tuple[SegmentIndex, int, float]:
         """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""
@@ -263,8 +270,8 @@ class _Builder:
         upper = start_length(self.scene, link.upper, f"links[{i}].upper.law")
         reach = lower + link.rod.length + upper
         inertia = link.rod.transverse_inertia + link.rod.mass * (lower + link.rod.centre) ** 2 + self.carried[i] * reach**2
-        for point, distance in (("rod_start", lower), ("rod_end", lower + link.rod.length)):
-            inertia += sum(self._mass_of(child) for child in self.children.get((link.name, point), [])) * distance**2
+        for child in self.children.get((link.name, "rod"), []):
+            inertia += self._mass_of(child) * (lower + self.on_rod[child]) ** 2
         return inertia
 
     def _refuse_massless(self, i: int, lower: float) -> None:
@@ -293,8 +300,8 @@ class _Builder:
                 "they line up; give base.mass [kg], or fix one of the segments"
             )
         for i, link in enumerate(self.scene.links):
-            on_rod = any(self.children.get((link.name, point)) for point in ("rod_start", "rod_end"))
-            if not link.rod.mass and not on_rod and self.links[i].lower.motion == self.links[i].upper.motion == "free":
+            loaded = (link.name, "rod") in self.children
+            if not link.rod.mass and not loaded and self.links[i].lower.motion == self.links[i].upper.motion == "free":
                 raise SceneError(
                     f"links[{i}] ({link.name!r}): its rod has no mass and both its segments are free, so one slides against the "
                     "other without inertia: give rod.mass, or fix one of the segments"
@@ -319,33 +326,6 @@ def start_length(scene: Scene, segment: Segment, key: str) -> float:
         return float(segment.length or 0.0)
     law = parse(0.0 if segment.law is None else segment.law, key, {"t", *scene.parameters})
     return evaluate(law, {"t": 0.0, **scene.parameters})
-
-
-def data_bytes(nv: int) -> int:
-    """Memory [bytes] that pinocchio.Data takes: about 4 nv^3 doubles."""
-    return 32 * nv**3
-
-
-def _refuse_what_does_not_fit(nv: int) -> None:
-    available = _available_memory()
-    if available and data_bytes(nv) > 0.8 * available:
-        raise VlmbError(
-            f"{nv} velocities need about {data_bytes(nv) / 2**30:.1f} GiB (pinocchio.Data holds 4 nv^3 doubles), "
-            f"and {available / 2**30:.1f} GiB are free: fix segments that need not move, use plane = true, or use fewer links"
-        )
-
-
-def _available_memory() -> int:
-    try:
-        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (ValueError, OSError, AttributeError):
-        return 0  # not known on this system: let the allocation itself decide
 
 
 def _along(distance: float) -> np.ndarray:

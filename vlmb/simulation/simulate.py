@@ -46,6 +46,8 @@ def simulate(
     atol: float | None = None,
     step: float | None = None,
     gain: float | None = None,
+    engine: str | None = None,
+    max_step: float | None = None,
     route: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
@@ -59,6 +61,8 @@ def simulate(
         those of the first call; an exception it raises goes through
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
+    engine : `auto`, `core` (compiled) or `pinocchio`
+    max_step : [s] longest step of adaptive methods
     progress : called with the time reached, sample by sample
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
@@ -70,8 +74,9 @@ def simulate(
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     run = run_options(
-        mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain
-    )
+        mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
+        engine=engine, max_step=max_step,
+    )  # fmt: skip
     start = consistent_start(mechanism)
     reference = np.array([start.coordinates[name] for name in mechanism.layout.names])
     dynamics = Dynamics(mechanism, run.knife_edge, run.gain, control, start.state, route, run)
