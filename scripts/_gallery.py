@@ -22,6 +22,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "skier_two_links": {"ghosts": 4, "since": 3.4},
     "skier_whole_body": TURN,
     "skier_with_arms": TURN,
+    "two_legs_on_a_board": {"ghosts": 4, "since": 2.0},
     "skier_slalom": SLALOM,
     "skier_slalom_two_links": SLALOM,
     "skier_slalom_whole_body": SLALOM,

@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 
 import vlmb
+from tests.anchored import anchored
+from tests.small_scenes import random_state
 from tests.views.browser import Browser
 from tests.views.scenes import MODELS, SKIER, TREE
 from vlmb import Scene, Trajectory, build, load_scene, simulate
@@ -98,6 +100,28 @@ def test_bodies_are_where_the_points_of_the_links_are(name: str, request: pytest
             }
             for point, place in ends.items():
                 np.testing.assert_allclose(place[:3], run.position(link.name, point)[frame], atol=1e-9)
+
+
+@pytest.mark.parametrize("base", ["pivot", "ski"])
+def test_anchors_are_drawn_where_the_links_stand(base: str) -> None:
+    mechanism = vlmb.build(anchored(base))
+    state = random_state(mechanism, 2)
+    made = of_state(mechanism, state)
+    poses, scene = made.poses(0), mechanism.scene
+    for name in ("front", "back"):
+        hinge = mechanism.position(state, name, "hinge")
+        np.testing.assert_allclose((poses[f"links/{name}"] @ [0.0, 0.0, 0.0, 1.0])[:3], hinge, atol=1e-12)
+        if base == "ski":  # a bar from the middle of the ski to the anchor
+            bar = poses[f"ski/binding_{name}"]
+            np.testing.assert_allclose((bar @ [1.0, 0.0, 0.0, 1.0])[:3], hinge, atol=1e-12)
+            foot = (np.linalg.inv(poses["ski"]) @ bar @ [0.0, 0.0, 0.0, 1.0])[:3]
+            np.testing.assert_allclose(foot[1:], 0.0, atol=1e-12)
+            assert abs(foot[0]) < 0.5
+    stands = [body.position for body in made.bodies if body.path.startswith("stand")]
+    anchors = [link.anchor or (0.0, 0.0, 0.0) for link in scene.links if link.parent == "base"]
+    assert len(stands) == (3 if base == "pivot" else 0)
+    if base == "pivot":
+        np.testing.assert_allclose(sorted(map(tuple, stands)), sorted(anchors), atol=1e-15)
 
 
 def test_spheres_grow_with_the_cube_root_of_their_mass() -> None:

@@ -201,7 +201,7 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False) -> Arrays:
         link[row] = parent, columns.ROD if on_rod else columns.TIP, p, v, *free, 0, table.tip_mass > 0.0
         if parent >= 0:
             link[parent, columns.ROD_CHILDREN if on_rod else columns.TIP_LOAD] = 1
-        real[row] = _constants(table, index, layout, free)
+        real[row] = _constants(table, index, free)
         given[row, [0, 3]] = [0.0 if is_free else at.length for is_free, at in zip(free, (index.lower, index.upper), strict=True)]
         p, v = p + 3 + sum(free), v + 3 + sum(free)
     base = np.array([scene.base.mass, scene.base.inertia, scene.base.com_offset, *scene.surface_gravity])
@@ -209,7 +209,7 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False) -> Arrays:
     return Arrays(scene, layout, tree, given, layout.order)
 
 
-def _constants(link: Link, index: LinkIndex, layout: Layout, free: list[bool]) -> Array:
+def _constants(link: Link, index: LinkIndex, free: list[bool]) -> Array:
     """Return a row of the tree's real columns."""
     found = np.zeros(16)
     rod = link.rod
@@ -217,8 +217,8 @@ def _constants(link: Link, index: LinkIndex, layout: Layout, free: list[bool]) -
     for is_free, segment, first in ((free[0], link.lower, columns.K1), (free[1], link.upper, columns.K2)):
         if is_free:
             found[first : first + 3] = _spring(segment)
-    if index.parent >= 0 and index.point == "rod_end":
-        found[columns.ON_ROD] = layout.links[index.parent].rod_length
+    found[columns.ON_ROD] = index.on_rod
+    found[columns.ANCHOR : columns.ANCHOR + 3] = index.anchor
     return found
 
 

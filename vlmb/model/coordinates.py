@@ -50,13 +50,15 @@ class LinkIndex:
 
     name: str
     parent: int
-    point: str  # tip | rod_start | rod_end of the parent
+    point: str  # of the parent: tip | rod_start | rod_end | rod, anywhere along it
     rod_length: float
     joint: int
     q: int  # ball: 4 numbers (x, y, z, w); revolute: 1
     v: int  # ball: 3 numbers; revolute: 1
     lower: SegmentIndex
     upper: SegmentIndex
+    on_rod: float = 0.0  # [m] of a place that moves with the parent's rod, from its start
+    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] of the hinge of a link on the base, in the base's axes
 
 
 @dataclass(frozen=True)

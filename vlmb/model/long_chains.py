@@ -19,6 +19,7 @@ def obstacle(scene: Scene) -> str | None:
         link.parent == before and (link.parent_point == "tip" or before == BASE)
         for link, before in zip(scene.links, [BASE, *(link.name for link in scene.links)], strict=False)
     )
+    anchored = [link.name for link in scene.links if any(link.anchor or ())]
     flat = [
         link.name
         for link in scene.links[:-1]
@@ -28,6 +29,7 @@ def obstacle(scene: Scene) -> str | None:
     moved = [link.name for link in scene.links if "prescribed" in (link.lower.motion, link.upper.motion)]
     for found, why in (
         (not chained, "links that branch or hang on a rod"),
+        (bool(anchored), f"a link on an anchor ({', '.join(anchored[:3])})"),
         (bool(scene.constraints), "`constraints`"),
         (scene.programme is not None, "a `programme`"),
         (bool(scene.forces), "`forces`"),

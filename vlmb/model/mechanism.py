@@ -26,6 +26,7 @@ from vlmb.model.memory import refuse_what_does_not_fit
 from vlmb.model.names import POINTS, Names
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
+from vlmb.scene.places import on_rod
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import BASE, Segment
 
@@ -129,14 +130,20 @@ class _Builder:
         self.links: dict[int, LinkIndex] = {}
         self.order: list[int] = []
         self.names = [link.name for link in scene.links]
-        self.children: dict[tuple[str, str], list[int]] = {}
+        self.places = {name: i for i, name in enumerate(self.names)}
+        self.children: dict[tuple[str, str], list[int]] = {}  # on the "tip" or on the "rod" of a link, or on the base
+        self.on_rod: dict[int, float] = {}  # [m] from the start of the parent's rod
         for i, link in enumerate(scene.links):
-            point = "tip" if link.parent == BASE else link.parent_point
-            self.children.setdefault((link.parent, point), []).append(i)
+            place = None if link.parent == BASE else on_rod(scene.links[self.places[link.parent]], link.parent_point)
+            self.children.setdefault((link.parent, "tip" if place is None else "rod"), []).append(i)
+            if place is not None:
+                self.on_rod[i] = place
+        for hanging in self.children.values():
+            hanging.sort(key=lambda i: self.on_rod.get(i, 0.0))
         self.carried = [self._carried(i) for i in range(len(scene.links))]
         base = self._add_base()
         for first in self.children.get((BASE, "tip"), []):
-            self._add_link(first, base, np.zeros(3))
+            self._add_link(first, base, np.array(scene.links[first].anchor or np.zeros(3)))
         self._look_for_straight_legs()
 
     def layout(self) -> Layout:
@@ -171,8 +178,8 @@ class _Builder:
         while stack:
             link = self.scene.links[stack.pop()]
             total += link.rod.mass + link.tip_mass
-            for point in POINTS[1:]:
-                stack += self.children.get((link.name, point), [])
+            for place in ("tip", "rod"):
+                stack += self.children.get((link.name, place), [])
         return total
 
     def _add_base(self) -> int:
@@ -227,16 +234,16 @@ class _Builder:
             point = pin.Inertia(link.tip_mass, np.zeros(3), np.zeros((3, 3)))
             self.model.appendBodyToJoint(tip_joint, point, pin.SE3(np.eye(3), _along(tip_at)))
         rotation_model = self.model.joints[hinge]
-        parent = self.names.index(link.parent) if link.parent != BASE else -1
+        parent = self.places.get(link.parent, -1)
+        point = "tip" if parent < 0 else "rod" if isinstance(link.parent_point, float) else link.parent_point
         self.links[i] = LinkIndex(
-            link.name, parent, link.parent_point if parent >= 0 else "tip", link.rod.length,
-            hinge, rotation_model.idx_q, rotation_model.idx_v, lower, upper,
+            link.name, parent, point, link.rod.length, hinge, rotation_model.idx_q, rotation_model.idx_v, lower, upper,
+            self.on_rod.get(i, 0.0), link.anchor or (0.0, 0.0, 0.0),
         )  # fmt: skip
         self.order.append(i)
         hanging = [(child, tip_joint, _along(tip_at)) for child in self.children.get((link.name, "tip"), [])]
-        for point, offset in (("rod_start", rod_at), ("rod_end", end_at)):
-            hanging += [(child, rod_joint, _along(offset)) for child in self.children.get((link.name, point), [])]
-        return hanging
+        on_it = self.children.get((link.name, "rod"), [])
+        return hanging + [(child, rod_joint, _along(rod_at + self.on_rod[child])) for child in on_it]
 
     def _add_segment(self, i: int, which: int, joint: int, at: float) -> tuple[SegmentIndex, int, float]:
         """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""
@@ -262,8 +269,8 @@ class _Builder:
         upper = start_length(self.scene, link.upper, f"links[{i}].upper.law")
         reach = lower + link.rod.length + upper
         inertia = link.rod.transverse_inertia + link.rod.mass * (lower + link.rod.centre) ** 2 + self.carried[i] * reach**2
-        for point, distance in (("rod_start", lower), ("rod_end", lower + link.rod.length)):
-            inertia += sum(self._mass_of(child) for child in self.children.get((link.name, point), [])) * distance**2
+        for child in self.children.get((link.name, "rod"), []):
+            inertia += self._mass_of(child) * (lower + self.on_rod[child]) ** 2
         return inertia
 
     def _refuse_massless(self, i: int, lower: float) -> None:
@@ -292,8 +299,8 @@ class _Builder:
                 "they line up; give base.mass [kg], or fix one of the segments"
             )
         for i, link in enumerate(self.scene.links):
-            on_rod = any(self.children.get((link.name, point)) for point in ("rod_start", "rod_end"))
-            if not link.rod.mass and not on_rod and self.links[i].lower.motion == self.links[i].upper.motion == "free":
+            loaded = (link.name, "rod") in self.children
+            if not link.rod.mass and not loaded and self.links[i].lower.motion == self.links[i].upper.motion == "free":
                 raise SceneError(
                     f"links[{i}] ({link.name!r}): its rod has no mass and both its segments are free, so one slides against the "
                     "other without inertia: give rod.mass, or fix one of the segments"

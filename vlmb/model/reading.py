@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import OFF_POLE, Layout, angle_rates, kinematics, read_angles
+from vlmb.model.coordinates import OFF_POLE, Layout, LinkIndex, angle_rates, kinematics, read_angles
 from vlmb.model.names import AXES, POINTS, Quantity
 from vlmb.scene.scene import Scene
 
@@ -105,10 +105,24 @@ class Postures:
         found: dict[tuple[int, str], tuple[Array, Array]] = {}
         for i in self.layout.order:
             link = self.layout.links[i]
-            hinge = (self.place, self.velocity_of_place) if link.parent < 0 else found[link.parent, link.point]
+            hinge = self._anchored(link.anchor) if link.parent < 0 else self._hung(link, found)
             for point in POINTS:
                 found[i, point] = self._out(i, hinge, self._along(i, point))
         return found
+
+    def _anchored(self, anchor: tuple[float, float, float]) -> tuple[Array, Array]:
+        """Position and velocity of a place of the base: r_A + R r, v_A + phi0' z x R r."""
+        forward, left = self._ski
+        ahead, aside, up = anchor
+        flat, across = ahead * forward + aside * left, ahead * left - aside * forward
+        return self.place + flat + np.array([0.0, 0.0, up]), self.velocity_of_place + self.turning[..., None] * across
+
+    def _hung(self, link: LinkIndex, found: dict[tuple[int, str], tuple[Array, Array]]) -> tuple[Array, Array]:
+        """Position and velocity of the place where a link hangs on its parent."""
+        if link.point == "tip":
+            return found[link.parent, "tip"]
+        start, growth = self._along(link.parent, "rod_start")
+        return self._out(link.parent, found[link.parent, "hinge"], (start + link.on_rod, growth))
 
     def _out(self, link: int, hinge: tuple[Array, Array], along: tuple[Array, Array]) -> tuple[Array, Array]:
         """Position and velocity at a distance along a link: h + s d, h' + s' d + s d'."""

@@ -17,6 +17,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
 from vlmb.scene.names import check_names
+from vlmb.scene.places import check_place
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import BASE, Link, SceneTables, Segment, Table
 from vlmb.scene.written import Written, key_of, put, resolve
@@ -162,8 +163,10 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         refuse("base", f"inertia and com_offset belong to kind = 'ski', mass to 'ski' and 'free'; remove them from {base.kind!r}")
     if base.kind != "ski" and not scene.links:
         refuse("links", f"a {base.kind!r} base needs at least one link")
+    by_name = {link.name: link for link in scene.links}
     for index, link in enumerate(scene.links):
         key = f"links[{index}]"
+        check_place(scene, index, by_name.get(link.parent), refuse)
         if link.rod.length == 0.0 and link.rod.com is None and link.rod.mass > 0.0 and link.rod.inertia is None:
             refuse(f"{key}.rod", "a rod of length 0 with mass is a point: use tip_mass, or give com and inertia")
         for which, segment in (("lower", link.lower), ("upper", link.upper)):

@@ -93,7 +93,7 @@ def _choices_of(path: str, root: type) -> str:
         if field.name == key:
             kinds = [field.type, *getattr(field.type, "__args__", ())]  # a Literal, or a union with one
             choices = next((kind.__args__ for kind in kinds if get_origin(kind) is Literal), ())
-            return ", ".join(map(str, choices))
+            return ", ".join([*map(str, choices), *(["or a number"] if float in kinds else [])])
     return ""
 
 

@@ -50,7 +50,7 @@ def _put(place: Any, shape: Shape, parts: list[str], at: int, value: Any, names:
     if at + 1 == len(parts):
         _set(place, part, value)
         return
-    if inner in (None, Shape(), Shape(number=True)):
+    if not (inner and (inner.items or inner.values or inner.table)):
         raise SceneError(f"{key}: {'.'.join(parts[: at + 1])} is no table and no list")
     if isinstance(place, dict) and place.get(part) is None:
         place[part] = _default(shape.table, part, key, ".".join(parts[: at + 1]))

@@ -91,7 +91,8 @@ class Link(Table, frozen=True, kw_only=True):
     rod: Rod
     name: Name = ""
     parent: Name = ""  # "" = the previous link, the base for the first
-    parent_point: Literal["tip", "rod_start", "rod_end"] = "tip"
+    parent_point: Literal["tip", "rod_start", "rod_end"] | float = "tip"  # a number: [m] from the parent's hinge
+    anchor: tuple[float, float, float] | None = None  # [m] of a link on the base: ahead, left, up on a ski; a point of the ground
     lower: Segment = Segment(length=0.0, motion="fixed")
     upper: Segment = Segment(length=0.0, motion="fixed")
     tip_mass: NonNegative = 0.0  # [kg]
@@ -140,6 +141,8 @@ class Run(Table, frozen=True, kw_only=True):
     knife_edge: Literal["reduction", "multiplier", "projection"] = "reduction"
     gain: NonNegative = 5.0  # [1/s], Baumgarte gain of ideal rows and of the knife edge as a multiplier
     fall: bool = True  # stop when a point of a link reaches the snow
+    engine: Literal["auto", "core", "pinocchio"] = "auto"  # what evaluates the motion
+    max_step: Positive | None = None  # [s], longest step of adaptive methods
 
 
 class SceneTables(Table, frozen=True, kw_only=True):

@@ -6,7 +6,7 @@ import functools
 import types
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import msgspec
 
@@ -49,6 +49,7 @@ class Shape(NamedTuple):
     items: Shape | None = None
     values: Shape | None = None
     table: type[Table] | None = None
+    words: tuple[str, ...] = ()  # texts that may stand there too, and are no expressions
 
 
 OTHER = Shape()  # texts, choices, true or false, what the tests read
@@ -65,7 +66,8 @@ def shape_of(kind: Any) -> Shape:
         number = any(part.number for part in parts) and str not in arguments
         items = next((part.items for part in parts if part.items), None)
         values = next((part.values for part in parts if part.values), None)
-        return Shape(number, items, values, next((part.table for part in parts if part.table), None))
+        words = tuple(word for part in arguments if get_origin(part) is Literal for word in get_args(part))
+        return Shape(number, items, values, next((part.table for part in parts if part.table), None), words)
     if origin is tuple:
         return Shape(items=shape_of(arguments[0]))
     if origin is dict:
@@ -96,7 +98,7 @@ def resolve(data: dict[str, Any], root: type[Table]) -> tuple[dict[str, Any], di
     values = _parameters(given, found) if isinstance(given, dict) else {}
 
     def walk(value: Any, shape: Shape, path: Path) -> Any:
-        if isinstance(value, str) and shape.number:
+        if isinstance(value, str) and shape.number and not _word(value, shape, values):
             if path not in found:
                 found[path] = Written(_value(parse(value, key_of(path)), values, given), value)
             return float(found[path])
@@ -108,6 +110,11 @@ def resolve(data: dict[str, Any], root: type[Table]) -> tuple[dict[str, Any], di
         return value
 
     return walk(data, Shape(table=root), ()), found
+
+
+def _word(text: str, shape: Shape, values: Mapping[str, float]) -> bool:
+    """Whether a text is a word, right or wrong, where words may stand beside numbers."""
+    return text in shape.words or bool(shape.words and text.isidentifier() and text not in values)
 
 
 def _parameters(given: Mapping[str, Any], found: dict[Path, Written]) -> dict[str, float]:

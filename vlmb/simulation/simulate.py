@@ -46,6 +46,8 @@ def simulate(
     atol: float | None = None,
     step: float | None = None,
     gain: float | None = None,
+    engine: str | None = None,
+    max_step: float | None = None,
     route: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
@@ -60,6 +62,8 @@ def simulate(
         the run it is not called again. An exception it raises goes through; the trajectory so far is its `trajectory`
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
+    engine : `auto`, `core` (compiled) or `pinocchio`
+    max_step : [s] longest step of adaptive methods
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
@@ -71,8 +75,9 @@ def simulate(
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     run = run_options(
-        mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain
-    )
+        mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
+        engine=engine, max_step=max_step,
+    )  # fmt: skip
     system = make_system(mechanism, run, route)
     start = consistent_start(system)
     branch = [start.coordinates[name] for name in mechanism.layout.names]

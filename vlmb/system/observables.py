@@ -159,12 +159,21 @@ class Symbols:
         end = lower + self.sympy.Float(link.rod_length)
         return {"hinge": self.sympy.Integer(0), "rod_start": lower, "rod_end": end, "tip": end + upper}[point]
 
+    def _anchored(self, i: int) -> list[Any]:
+        """Place of the hinge of a link on the base."""
+        base, anchor = self._base(), self.layout.links[i].anchor
+        if not any(anchor):
+            return base
+        (ahead, left, up), heading = anchor, self.value.get("phi0", self.sympy.Integer(0))
+        cosine, sine = self.sympy.cos(heading), self.sympy.sin(heading)
+        return [base[0] + ahead * cosine - left * sine, base[1] + ahead * sine + left * cosine, base[2] + up]
+
     def _point(self, i: int, point: str) -> list[Any]:
-        base = self._base()
-        path = self.layout.path(i)
-        ends = [self.layout.links[k].point for k in path[1:]] + [point]
-        for k, end in zip(path, ends, strict=True):
-            distance = self._distance(k, end)
+        base = self._anchored(self.layout.path(i)[0])
+        for k, after in itertools.pairwise((*self.layout.path(i), -1)):
+            on = self.layout.links[after]
+            distance = self._distance(k, point if after < 0 else "tip" if on.point == "tip" else "rod_start")
+            distance += on.on_rod if after >= 0 else 0
             base = [b + distance * d for b, d in zip(base, self.direction(k), strict=True)]
         return base
 

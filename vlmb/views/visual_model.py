@@ -144,6 +144,7 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     if layout.base == "ski":
         heading = _about_z(q[:, 2], q[:, 3])
         bodies += _ski(mechanism, base, heading)
+        bodies += _bindings(mechanism, size)
         bodies += _ways(base, size, programme)
     elif layout.base == "free" and scene.base.mass:
         bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), appearance.MASS, base))
@@ -157,7 +158,11 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
         cone = shapes.cone(0.09 * size, 0.05 * size)
-        bodies.insert(0, Body("stand", cone if below else shapes.turned_over(cone), appearance.STAND))
+        shape = cone if below else shapes.turned_over(cone)
+        anchors = dict.fromkeys(link.anchor for link in layout.links if link.parent < 0)
+        for number, anchor in enumerate(anchors):
+            name = f"stand{number + 1}" if number else "stand"
+            bodies.insert(number, Body(name, shape, appearance.STAND, np.array(anchor)))
     if layout.base != "ski" and tips and len(t) > 1:
         trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
         bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
@@ -218,6 +223,29 @@ def _ski(mechanism: Mechanism, base: Array, heading: Array) -> list[Body]:
     if not mechanism.scene.links or scene.com_offset:
         bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), appearance.MASS, centre))
     return bodies
+
+
+def _bindings(mechanism: Mechanism, size: float) -> list[Body]:
+    """Bars from the ski to the anchors of links that do not stand in A."""
+    bodies, half = [], 0.45 * _ski_length(mechanism.scene.base)
+    for link in mechanism.layout.links:
+        if link.parent >= 0 or not any(link.anchor):
+            continue
+        foot = np.array([np.clip(link.anchor[0], -half, half), 0.0, 0.0])
+        way = np.array(link.anchor) - foot
+        length = float(np.linalg.norm(way))
+        if length > 0.0:
+            scale = np.array([length, 1.0, 1.0])
+            tube = shapes.tube(0.012 * size)
+            bodies.append(Body(f"ski/binding_{link.name}", tube, appearance.HINGE, foot, _towards(way / length), scale))
+    return bodies
+
+
+def _towards(direction: Array) -> Array:
+    """Return a rotation (3, 3) that takes x to a direction."""
+    side = np.cross([0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [0.0, 1.0, 0.0], direction)
+    side /= np.linalg.norm(side)
+    return np.column_stack([direction, side, np.cross(direction, side)])
 
 
 def _ski_length(base: Base) -> float:
