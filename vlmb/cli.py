@@ -18,12 +18,11 @@ from vlmb._version import __version__
 from vlmb.equations import matrices
 from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
-from vlmb.model.long_chains import is_long
 from vlmb.model.mechanism import build
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.simulation.integrate import METHODS
+from vlmb.simulation.methods import METHODS
 from vlmb.simulation.simulate import Checked, check, run_options, simulate
 from vlmb.simulation.trajectory import Trajectory, load_trajectory
 from vlmb.studies import bench
@@ -169,8 +168,6 @@ def _info(args: argparse.Namespace) -> int:
     print(f"  degrees of freedom  {free}")
     memory = data_bytes(layout.nv) / 2**20
     print(f"  state               {layout.nq} positions, {layout.nv} velocities; pinocchio.Data {memory:.2g} MiB")
-    if is_long(scene):
-        print("  runs as             sub-chains of one link each, without that Data")
     print("  joints")
     for joint, name in list(zip(mechanism.model.joints, mechanism.model.names, strict=True))[1:]:
         print(f"    {name:<20s} {joint.shortname().removeprefix('JointModel')}")

@@ -21,8 +21,6 @@ from vlmb.model import coordinates as chart
 from vlmb.model.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade
-from vlmb.model.long_chains import is_long
-from vlmb.model.memory import refuse_what_does_not_fit
 from vlmb.model.names import POINTS, Names
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
@@ -107,13 +105,10 @@ class Mechanism(Remade, Displayed):
 def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
     """Generate the Pinocchio model of a scene: of a Scene, the path of a scene file or a dict with its keys.
 
-    Raises SceneError where the scene has a motion without mass, VlmbError where the model does not fit in memory. A chain
-    that runs as sub-chains need not fit, except on a ski, whose snow forces and falls are of the one model.
+    Raises SceneError where the scene has a motion without mass.
     """
     scene = as_scene(scene)
     builder = _Builder(scene)
-    if scene.base.kind == "ski" or not is_long(scene):
-        refuse_what_does_not_fit(builder.model.nv)
     return Mechanism(scene, builder.model, builder.layout(), tuple(builder.left_out), tuple(builder.warnings))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,12 @@ def make_data(model: Any) -> Any:
 def data_bytes(nv: int) -> int:
     """Memory [bytes] that pinocchio.Data takes: about 4 nv^3 doubles."""
     return 32 * nv**3
+
+
+def fits(nv: int) -> bool:
+    """Whether a pinocchio.Data of nv velocities is worth its memory for a look beside the run: 1 GiB at most, if it is free."""
+    available = _available_memory()
+    return data_bytes(nv) < min(2**30, 0.8 * available if available else math.inf)
 
 
 def refuse_what_does_not_fit(nv: int) -> None:

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.model.frozen import read_only
-from vlmb.system.bars import chain_energies
-from vlmb.system.frames import LinkFrames
-from vlmb.system.springs import spring_energy
+from vlmb.simulation.motion import Motion
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -84,21 +82,11 @@ def _frozen(value: Any) -> Any:
     return tuple(map(read_only, value)) if isinstance(value, tuple) else read_only(value)
 
 
-def energies_along(system: System, q: Array, v: Array, work_by_force: Mapping[str, Array]) -> dict[str, Array]:
+def energies_along(system: System, motion: Motion, work_by_force: Mapping[str, Array]) -> dict[str, Array]:
     """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses."""
-    mechanism, count, frames = system.mechanism, len(q), LinkFrames(system.mechanism)
-    spring = spring_energy(mechanism, q)
-    if system.route == "subchains":
-        kinetic, potential = chain_energies(mechanism, q, v)
-    else:
-        model, data = mechanism.model, frames.data
-        kinetic = np.array([pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)])
-        potential = np.array([pin.computePotentialEnergy(model, data, place) for place in q])
-    for i in range(count if system.direction_springs else 0):
-        frames.update(q[i])
-        spring[i] += sum(entry.energy(frames) for entry in system.direction_springs)
+    kinetic, potential, spring = motion.energies(system).T
     total = kinetic + potential + spring
-    work, lost = np.zeros(count), np.zeros(count)
+    work, lost = np.zeros(len(total)), np.zeros(len(total))
     for name, done in work_by_force.items():
         if name == "dissipation":
             lost = done

@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.memory import fits
 from vlmb.model.names import counted
 from vlmb.scene.laws import law_breaks, law_jump
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
-from vlmb.simulation.march import March
+from vlmb.simulation.loop import Loop
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system.core_engine import CoreEngine
+from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
+from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
 
@@ -31,6 +35,7 @@ Array = NDArray[np.float64]
 MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
 SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
 AT_REST, UNSTABLE = 1e-9, 1e-6  # [m/s^2, rad/s^2] accelerations of a balanced start; [1/s^2] growth that counts
+APART = 1e-6  # of the largest acceleration: what two engines may differ by, as differences of velocities tell
 NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
 
 
@@ -48,7 +53,6 @@ def simulate(
     gain: float | None = None,
     engine: str | None = None,
     max_step: float | None = None,
-    route: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Simulate a scene; arguments override its `[run]`, None means what the scene says.
@@ -78,37 +82,37 @@ def simulate(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
         engine=engine, max_step=max_step,
     )  # fmt: skip
-    system = make_system(mechanism, run, route)
+    system = make_system(mechanism, run)
     start = consistent_start(system)
     branch = [start.coordinates[name] for name in mechanism.layout.names]
     if control is not None:
         first = StateView(mechanism, 0.0, mechanism.postures(start.state), branch, start.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
-    workspace = system.workspace(control, branch)
     times = _sample_times(run, t_eval)
     breaks = _breaks(system, run.duration)
-    start = start._replace(adjustments=(*start.adjustments, *_balanced(workspace, start)))
     began, used = time.perf_counter(), time.thread_time()
-    with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named; drivers raise
+    with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
-        march = March(workspace, run, workspace.pack(start.state), times, breaks, progress)
+        mover = make_engine(system, branch, control)
+        y = mover.pack(start.state)
+        start = start._replace(adjustments=(*start.adjustments, *_balanced(system, mover, y, start)))
+        loop = Loop(mover, run, y, times, breaks, 0.0, np.zeros((0, 3)), progress)
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {
                 "wall_time": time.perf_counter() - began,
                 "cpu_time": time.thread_time() - used,
-                "rhs_evaluations": workspace.evaluations,
-                "steps": march.steps,
-                "route": workspace.route,
+                "rhs_evaluations": loop.evaluations,
+                "steps": loop.steps,
+                "engine": mover.name,
             }
-            return _kept(lambda: Trajectory.from_run(system, start, march.recorded, status, message, stats))
+            return _kept(lambda: Trajectory.from_run(system, mover, loop, start, status, message, stats))
 
         try:
-            status, message = march.run()
+            status, message = loop.run()
         except Exception as error:
-            if march.recorded:
-                with contextlib.suppress(AttributeError):  # a type without room for it
-                    error.trajectory = trajectory("failed", march.failed_by(error))  # type: ignore[attr-defined]
+            with contextlib.suppress(AttributeError):  # a type without room for it
+                error.trajectory = trajectory("failed", loop.failed_by(error))  # type: ignore[attr-defined]
             raise
         return trajectory(status, message)
 
@@ -172,46 +176,75 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     mechanism = build(scene)
     system = make_system(mechanism)
     start = consistent_start(system)
-    workspace = system.workspace()
+    branch = [start.coordinates[name] for name in mechanism.layout.names]
     _breaks(system, scene.run.duration)
-    workspace.rhs(0.0, workspace.pack(start.state))
+    engine = make_engine(system, branch)
+    engine.evaluate(0.0, engine.pack(start.state))
+    if not fits(mechanism.model.nv):
+        return Checked(mechanism, start)
+    workspace = system.workspace(branch=branch)
     if workspace.diagnostics.conditioning(start.state.q)[0] > SINGULAR:
         raise workspace.diagnostics.singular(start.state.q)
+    notes = [_engines_agree(system, engine, workspace, start)] if isinstance(engine, CoreEngine) else []
+    workspace.rhs(0.0, workspace.pack(start.state))
     programme = workspace.solver.programme
-    if programme is None:
-        return Checked(mechanism, start)
-    rank, condition = programme.rank(programme.control_matrix)
-    controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-    note = f"programme: {programme.report}; {controllable}"
-    return Checked(mechanism, start._replace(adjustments=(*start.adjustments, note)))
+    if programme is not None:
+        rank, condition = programme.rank(programme.control_matrix)
+        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
+        notes.append(f"programme: {programme.report}; {controllable}")
+    return Checked(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))
 
 
-def _balanced(workspace: Workspace, start: Start) -> list[str]:
+def _engines_agree(system: System, engine: CoreEngine, workspace: Workspace, start: Start) -> str:
+    """Compare the accelerations of both engines at the start, as the core's velocities have them: u', a', and the base's."""
+    layout, plan = system.mechanism.layout, system.core_plan
+    y = engine.pack(start.state)
+    core = engine.evaluate(0.0, y)[plan.positions : plan.positions + plan.velocities]
+    vdot = np.array(workspace.rhs(0.0, workspace.pack(start.state))[layout.nq : layout.nq + layout.nv])
+    step = 1e-6 * max(1.0, 1.0 / max(1.0, float(np.abs(vdot).max())))
+    sides = []
+    for sign in (1.0, -1.0):  # the velocities a little before and after, by Pinocchio's accelerations
+        v = start.state.v + sign * step * vdot
+        q = pin.integrate(system.mechanism.model, start.state.q, sign * step * (start.state.v + 0.5 * sign * step * vdot))
+        sides.append(plan.arrays.pack(q, v)[plan.positions :])
+    change = (sides[0] - sides[1]) / (2.0 * step)
+    off = float(np.abs(core - change).max()) / max(1.0, float(np.abs(core).max()))
+    if off > APART:
+        return f"the two engines differ at the start by {off:.1e} of the largest acceleration: please report this scene"
+    return f"both engines agree at the start (accelerations within {APART:g} of the largest)"
+
+
+def _balanced(system: System, engine: CoreEngine | PinocchioEngine, y: Array, start: Start) -> list[str]:
     """Say where a start rests in an unstable equilibrium: no answer there is better than rounding."""
-    model, nq, nv = workspace.mechanism.model, workspace.nq, workspace.nv
-    if any(start.rates.values()) or workspace.system.forces.needed or workspace.system.prescribed or workspace.solver.needed:
+    acting = system.forces.needed or system.prescribed or system.constraints is not None or system.knife_edge == "multiplier"
+    if any(start.rates.values()) or acting:
         return []
-    y = workspace.pack(start.state)
-
-    def accelerations(q: Array) -> Array:
-        return np.array(workspace.rhs(0.0, np.concatenate([q, y[nq:]]))[nq : nq + nv])
-
     try:
-        if np.abs(accelerations(start.state.q)).max() > AT_REST:
+        if np.abs(engine.evaluate(0.0, y)).max() > AT_REST or not fits(system.mechanism.model.nv):
             return []
-        nudges = NUDGE * np.eye(nv)
-        apart = [accelerations(pin.integrate(model, start.state.q, sign * d)) for d in nudges for sign in (1.0, -1.0)]
+        growth = _growth(system, start)
     except VlmbError:
         return []  # the run says it
-    finally:
-        workspace.forget()
-    growth = np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max()
     if not growth > UNSTABLE:
         return []
     return [
         f"start: at rest in an unstable equilibrium: errors grow as exp({math.sqrt(growth):.3g} t): rounding decides when "
         "and where it leaves; give a start value a nudge"
     ]
+
+
+def _growth(system: System, start: Start) -> float:
+    """Return the largest growth [1/s^2] of small deviations from rest, by differences of Pinocchio's accelerations."""
+    workspace, model, layout = system.workspace(), system.mechanism.model, system.mechanism.layout
+    y = workspace.pack(start.state)
+
+    def accelerations(q: Array) -> Array:
+        rates = workspace.rhs(0.0, np.concatenate([q, y[layout.nq :]]))
+        return np.array(rates[layout.nq : layout.nq + layout.nv])
+
+    nudges = NUDGE * np.eye(layout.nv)
+    apart = [accelerations(pin.integrate(model, start.state.q, sign * d)) for d in nudges for sign in (1.0, -1.0)]
+    return float(np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max())
 
 
 def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:

@@ -17,7 +17,7 @@ from vlmb.errors import TrajectoryError
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2  # 1: q, v and work where 2 has the states of an engine
 
 
 def checked_path(path: Any) -> Path:
@@ -35,8 +35,11 @@ def write_arrays(path: Path, note: Mapping[str, Any], arrays: Mapping[str, Array
     return path
 
 
-def read_arrays(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Read what `write_arrays` wrote. Raises TrajectoryError for a file that is missing, damaged or foreign."""
+def read_arrays(path: str | Path, names: Mapping[int, tuple[str, ...]]) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Read the arrays of each format that `write_arrays` wrote, by format.
+
+    Raises TrajectoryError for a file that is missing, damaged or foreign.
+    """
     path = checked_path(path)
     try:
         if not zipfile.is_zipfile(path):
@@ -46,9 +49,10 @@ def read_arrays(path: str | Path, names: tuple[str, ...]) -> tuple[dict[str, Any
             note = json.loads(str(file["note"]))
             if not isinstance(note, dict):
                 raise TrajectoryError(f"{path}: not a trajectory of vlmb: its note is no table")
-            arrays = {name: np.asarray(file[name], dtype=float) for name in names}
-        if note["format"] != FORMAT:
-            raise TrajectoryError(f"{path}: format {note['format']}; this version reads format {FORMAT}")
+            if note["format"] not in names:
+                known = " and ".join(map(str, names))
+                raise TrajectoryError(f"{path}: format {note['format']}; this version reads format {known}")
+            arrays = {name: np.asarray(file[name], dtype=float) for name in names[note["format"]]}
     except FileNotFoundError:
         raise TrajectoryError(f"{path}: no such file") from None
     except TrajectoryError:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.scene.tables import DEFAULT_STEP
-from vlmb.simulation.integrate import find_method
+from vlmb.simulation.methods import find_method
 
 Array = NDArray[np.float64]
 

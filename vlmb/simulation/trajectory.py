@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,20 +21,25 @@ from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.names import POINTS
-from vlmb.model.reading import Postures, read_along
+from vlmb.model.reading import Postures
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.scene.written import as_numbers
 from vlmb.simulation.histories import ENERGIES, SNOW, energies_along, forces_along
+from vlmb.simulation.loop import Loop
+from vlmb.simulation.motion import Motion, state_size, unit_directions
 from vlmb.simulation.storage import checked_path, read_arrays, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
+from vlmb.system.core_engine import CoreEngine
+from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
-ARRAYS = {"t": "t", "q": "q", "v": "v", "work": "work", "inputs": "asked", "branch": "reference"}  # and their names in a file
+ARRAYS = {"t": "t", "states": "states", "inputs": "asked", "branch": "reference"}  # and their names in a file
+OLD = ("t", "q", "v", "work", "asked", "reference")  # names in files of format 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +52,6 @@ class Residual:
 
     def __iter__(self) -> Iterator[Array | None]:
         return iter((self.position, self.velocity))
-
-
-class Sample(NamedTuple):
-    """An instant of a run: what was accepted there, the forces that the control gave, and the branch that angles were read on."""
-
-    t: float
-    q: Array
-    v: Array
-    work: Array
-    inputs: Array
-    branch: Array
 
 
 class _Named(Mapping[str, Any]):
@@ -87,7 +81,7 @@ class _Named(Mapping[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Remade, Displayed):
-    """Samples of a motion: t (N,) [s], q (N, nq), v (N, nv), work (N, W) [J], and how they were made.
+    """Samples of a motion: t (N,) [s], and how they were made; Pinocchio's q (N, nq), v (N, nv); work (N, W) [J].
 
     trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`. All arrays
     are read-only. A pickle or a file carries the forces that a control gave, not the control.
@@ -95,9 +89,8 @@ class Trajectory(Remade, Displayed):
 
     mechanism: Mechanism
     t: Array
-    q: Array
-    v: Array
-    work: Array
+    states: Array  # (N, size) of the engine, work states last
+    engine: str  # `core` or `pinocchio`
     inputs: Array  # (N, S) [N, N m] forces of a control callable as they acted; nan where not known
     input_names: tuple[str, ...]
     branch: Array  # (1, N) coordinates at the start, or (samples, N): near which angles are read
@@ -113,14 +106,18 @@ class Trajectory(Remade, Displayed):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @staticmethod
-    def from_run(system: System, start: Start, recorded: list[Sample], status: str, message: str, stats: Any) -> Trajectory:
-        """Turn recorded samples into a trajectory."""
-        t, q, v, work, inputs, branch = (np.array(column) for column in zip(*recorded, strict=True))
-        names = system.forces.inputs or ()
-        branch = branch if system.reads_angles else branch[:1]
+    def from_run(
+        system: System, engine: CoreEngine | PinocchioEngine, loop: Loop, start: Start, status: str, message: str, stats: Any
+    ) -> Trajectory:
+        """Turn the samples of a run into a trajectory."""
+        recorded, names = loop.recorded, system.forces.inputs or ()
+        t, states = recorded.t, engine.stored(recorded.t, recorded.states)
+        inputs, branch = engine.sampled(recorded.t, recorded.states)
+        if np.isnan(inputs[-1:]).any():
+            message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
         made = Trajectory(
-            system.mechanism, t, q, v, work, inputs, names, branch, system.run, status, message, start.adjustments, stats,
-            versions(),
+            system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
+            stats, versions(),
         )  # fmt: skip
         made.__dict__["system"] = system  # nothing is compiled again
         return made
@@ -129,6 +126,25 @@ class Trajectory(Remade, Displayed):
     def system(self) -> System:
         """The equations of this run; compiled again after reading a pickle."""
         return make_system(self.mechanism, self.run, inputs=self.input_names or None)
+
+    @cached_property
+    def _motion(self) -> Motion:
+        return Motion(self.system, self.engine, self.t, self.states, self.branch)
+
+    @property
+    def q(self) -> Array:
+        """Pinocchio's configurations (N, nq), links without roll from the heading where the core ran."""
+        return self._motion.pinocchio[0]
+
+    @property
+    def v(self) -> Array:
+        """Pinocchio's velocities (N, nv), links without spin where the core ran."""
+        return self._motion.pinocchio[1]
+
+    @property
+    def work(self) -> Array:
+        """Work states (N, W) [J]."""
+        return self._motion.work
 
     @property
     def repairs(self) -> tuple[str, ...]:
@@ -237,14 +253,13 @@ class Trajectory(Remade, Displayed):
         """Work (N,) [J] done by each applied force and prescribed segment, and lost in dampers (`dissipation`)."""
         return {name: self.work[:, k] for k, name in enumerate(self.system.work_names)}
 
-    @cached_property
+    @property
     def _coordinates(self) -> tuple[Array, Array]:
-        values, rates = read_along(self._postures, self.t, self.branch)
-        return read_only(values), read_only(rates)
+        return self._motion.coordinates
 
-    @cached_property
+    @property
     def _postures(self) -> Postures:
-        return self.mechanism.postures((self.q, self.v))
+        return self._motion.postures
 
     @cached_property
     def _evaluations(self) -> dict[str, Any]:
@@ -253,13 +268,14 @@ class Trajectory(Remade, Displayed):
 
     @cached_property
     def _energies(self) -> dict[str, Array]:
-        return energies_along(self.system, self.q, self.v, self.work_by_force)
+        return energies_along(self.system, self._motion, self.work_by_force)
 
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""
         note = {
             "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
+            "engine": self.engine,
         }  # fmt: skip
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
@@ -290,22 +306,27 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
     Raises TrajectoryError for a file that is missing, damaged or foreign.
     """
-    note, stored = read_arrays(path, tuple(ARRAYS.values()))
+    note, stored = read_arrays(path, {1: OLD, 2: tuple(ARRAYS.values())})
+    if "states" not in stored:
+        try:
+            stored["states"] = np.hstack([stored[name] for name in ("q", "v", "work")])
+        except ValueError as error:
+            raise TrajectoryError(f"{path}: q, v and work are damaged: {error}") from None
     arrays = {name: stored[key] for name, key in ARRAYS.items()}
     try:
         scene = Scene.from_dict(note["scene"], f"{path}: scene")
         run = msgspec.convert(note["run"], Run)
         status, message = str(note["status"]), str(note["message"])
         names, adjustments = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
-        stats, made_with = dict(note["stats"]), dict(note["versions"])
+        stats, made_with, engine = dict(note["stats"]), dict(note["versions"]), str(note.get("engine", "pinocchio"))
     except (KeyError, TypeError, ValueError) as error:
         raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
     system = make_system(build(scene), run, inputs=names or None)
     layout, samples = system.mechanism.layout, arrays["t"].size
-    branches = samples if system.reads_angles or len(arrays["branch"]) != 1 else 1
+    branches = len(arrays["branch"]) if len(arrays["branch"]) == 1 else samples
     shapes = {
-        "t": (samples,), "q": (samples, layout.nq), "v": (samples, layout.nv), "work": (samples, len(system.work_names)),
-        "inputs": (samples, len(names)), "branch": (branches, len(layout.names)),
+        "t": (samples,), "states": (samples, state_size(system, engine)), "inputs": (samples, len(names)),
+        "branch": (branches, len(layout.names)),
     }  # fmt: skip
     for name, shape in shapes.items():
         bad = ~np.isfinite(arrays[name]) & ~(np.isnan(arrays[name]) & (name == "inputs"))  # not known: nan
@@ -314,11 +335,11 @@ def load_trajectory(path: str | Path) -> Trajectory:
             raise TrajectoryError(f"{path}: {ARRAYS[name]} is damaged: {what}")
     if not samples or (np.diff(arrays["t"]) <= 0.0).any():
         raise TrajectoryError(f"{path}: t is damaged: times must ascend")
-    if not all(pin.isNormalized(system.mechanism.model, q, 1e-6) for q in arrays["q"]):
-        raise TrajectoryError(f"{path}: q is damaged: its quaternions do not have length 1")
-    t, q, v, work, inputs, branch = (arrays[name] for name in ARRAYS)
+    if not unit_directions(system, engine, arrays["states"]):
+        raise TrajectoryError(f"{path}: its states are damaged: directions do not have length 1")
+    t, states, inputs, branch = (arrays[name] for name in ARRAYS)
     made = Trajectory(
-        system.mechanism, t, q, v, work, inputs, names, branch, run, status, message, adjustments, stats, made_with
+        system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, stats, made_with
     )
     made.__dict__["system"] = system
     return made

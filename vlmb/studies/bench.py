@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vlmb.simulation.integrate import find_method
+from vlmb.simulation.methods import find_method
 from vlmb.studies.work_precision import QUANTITIES, Entry, Measured, cost_at, front
 
 ERRORS = (1e-3, 1e-6, 1e-9)  # [m] the table's columns

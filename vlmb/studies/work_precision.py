@@ -16,7 +16,7 @@ from vlmb.errors import SceneError
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
-from vlmb.simulation.integrate import METHODS, find_method
+from vlmb.simulation.methods import METHODS, find_method
 from vlmb.simulation.simulate import simulate
 from vlmb.simulation.trajectory import Trajectory
 

@@ -12,12 +12,13 @@ from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, 
 from vlmb.core.march import march
 from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FROM_SPRING, SOURCES, evaluate, make_memory
 from vlmb.core.run import accept, indicate, longest_step, run
+from vlmb.core.springs import line_ups
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.model.coordinates import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.events import Event
-from vlmb.system.forces import Control, ControlReader, StateView
+from vlmb.system.forces import Control, ControlReader, StateView, known_rows
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class CoreEngine:
         self.size = plan.positions + plan.velocities + int(plan.plant.size[0])
         self.memory = make_memory(plan.plant, plan.arrays.given, len(inputs))
         self.reader = None if control is None else ControlReader(control, inputs)
-        self.branch = np.zeros(len(mechanism.layout.names))
+        self.branch = self.start = np.zeros(len(mechanism.layout.names))
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
         self.scratch = np.zeros((9, len(plan.events)))
 
@@ -49,7 +50,7 @@ class CoreEngine:
 
     def take_branch(self, coordinates: Array) -> None:
         """Read angles near these coordinates (N,) from now on."""
-        self.branch = np.array(coordinates)
+        self.branch = self.start = np.array(coordinates)
         self.memory.reference[:] = self.plan.table.reference(coordinates)
         self.memory.near[:] = self.plan.spring_angles(coordinates)
 
@@ -68,6 +69,39 @@ class CoreEngine:
         if code:
             raise self.fault(code)
         return dy
+
+    def accept(self, t: float, y: Array) -> None:
+        """Take a state as the one near which angles are read."""
+        accept(self.plan.plant, self.memory, y)
+        if self.reader is not None:
+            self.branch = self.view(t, y).coordinates
+
+    def in_line(self, event: Event, t: float, y: Array) -> float:
+        """Return the sine of the angle between the two directions of a spring."""
+        line_ups(self.plan.plant.springs, self.plan.plant.tree, y, self.memory.lines)
+        names = [spring.name for spring in self.plan.springs]
+        return float(self.memory.lines[names.index(event.name), 0])
+
+    def why(self, t: float, y: Array) -> str:
+        """Add nothing: the core's codes name what is singular."""
+        return ""
+
+    def raised(self, error: BaseException) -> bool:
+        """Whether an error is one that the control raised."""
+        return self.reader is not None and error is self.reader.failure
+
+    def note(self, t: float, y: Array) -> None:
+        """Record the forces of the control at a state that is kept beside the samples."""
+        if self.reader is not None:
+            self.asked.append(np.array(self._ask(t, y)))
+
+    def stored(self, t: Array, states: Array) -> Array:
+        """Return the samples as a trajectory stores them."""
+        return states
+
+    def sampled(self, t: Array, states: Array) -> tuple[Array, Array]:
+        """Return the control's forces (N, S) at samples, nan where not known, and the branch (1, coordinates) of the start."""
+        return known_rows(self.asked, len(t), len(self.memory.inputs)), self.start[None]
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators (e,) of all events."""
@@ -145,8 +179,7 @@ class CoreEngine:
                 except VlmbError:
                     counts[FAILURE] = CONTROLLED
             elif code == INDICATE:
-                accept(plant, memory, driver.point)
-                self.branch = self._coordinates(driver.point, float(real[TIME]))
+                self.accept(float(real[TIME]), driver.point)
                 real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
             else:
@@ -169,6 +202,3 @@ class CoreEngine:
         given = self.plan.given_at(self.memory, np.array([t]))[0]
         seen = self.plan.arrays.postures(np.array(y[: self.plan.positions + self.plan.velocities]), given)
         return StateView(self.mechanism, t, seen, self.branch)
-
-    def _coordinates(self, y: Array, t: float) -> Array:
-        return self.view(t, y).coordinates

@@ -90,19 +90,24 @@ def obstacle(mechanism: Mechanism, run: Run) -> str | None:
 
 def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
-    inputs: Sequence[str], work_names: Sequence[str],
+    inputs: Sequence[str], work_names: Sequence[str], watching: bool = False,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
-    inputs : forces whose values come from outside; work_names : of the work states in their order.
+    Parameters
+    ----------
+    inputs : forces whose values come from outside
+    work_names : of the work states in their order
+    watching : the core only looks for events, on a ski that may slip sideways; another engine moves
+
     Raises SceneError for an unknown force, ExpressionError for a law that cannot be read.
     """
-    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout)
+    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, watching)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
     works = {name: at for at, name in enumerate(work_names)}
     roots: list[Expression] = []
     laws, forces, acting = [], [], []
-    for index, entry in enumerate(scene.forces):
+    for index, entry in enumerate(() if watching else scene.forces):
         if entry.on is not None and entry.law is not None:
             force = mechanism.names.force(entry.on, f"forces[{index}].on")
             forces.append((table.along(force), len(roots), works[force.name]))
@@ -116,13 +121,13 @@ def make_core_plan(
     driven = []
     for length in prescribed:
         link, side = _owner(mechanism, length.name)
-        driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works[length.force]))
+        driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works.get(length.force, 0)))
         roots.append(_law(mechanism, length.law.text, length.law.expression.key))
         laws.append((length.name, roots[-1].text))
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and _reads_angles(table):
+    if not events and (watching or _reads_angles(table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,

@@ -14,7 +14,6 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.system.constrained import ConstraintSolver
 from vlmb.system.forces import ForceWriter
 from vlmb.system.frames import LinkFrames
-from vlmb.system.subchains import SubChains
 
 Array = NDArray[np.float64]
 
@@ -25,20 +24,12 @@ HUGE = 1e100  # an acceleration or velocity beyond this is no number to go on wi
 class Diagnostics:
     """Finds the cause of a failed evaluation; costs nothing until asked."""
 
-    def __init__(
-        self, mechanism: Mechanism, frames: LinkFrames, applied: ForceWriter, solver: ConstraintSolver,
-        subchains: SubChains | None,
-    ) -> None:  # fmt: skip
-        self.mechanism, self.frames, self.applied, self.solver, self.subchains = mechanism, frames, applied, solver, subchains
+    def __init__(self, mechanism: Mechanism, frames: LinkFrames, applied: ForceWriter, solver: ConstraintSolver) -> None:
+        self.mechanism, self.frames, self.applied, self.solver = mechanism, frames, applied, solver
 
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
-        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
-
-        Of sub-chains, that of the system for the accelerations of hinges.
-        """
+        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion."""
         model = self.mechanism.model
-        if self.subchains is not None:
-            return self.subchains.conditioning(pin.normalize(model, q))
         mass = np.array(pin.crba(model, self.frames.data, pin.normalize(model, q)))
         if not np.isfinite(mass).all():
             return math.inf, ["every coordinate"]

@@ -215,6 +215,14 @@ class ForceWriter:
         return self.reader.ask(StateView(self.mechanism, t, self.mechanism.postures((q, v)), branch, State(q, v)))
 
 
+def known_rows(rows: Sequence[Array], count: int, width: int) -> Array:
+    """Return the first rows of a record as (count, width), nan where it has not so many."""
+    found = np.full((count, width), np.nan)
+    for i, row in enumerate(rows[:count]):
+        found[i] = row
+    return found
+
+
 def answer_of(control: Control | None, view: StateView) -> dict[str, float]:
     """Call a control and check what it returns: None, or numbers by name."""
     answer = None if control is None else control(view.t, view)

@@ -16,28 +16,25 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.coordinates import SegmentIndex, State
-from vlmb.model.long_chains import LONG_CHAIN, is_long
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.core_plan import CorePlan, make_core_plan, obstacle
 from vlmb.system.dense import Dense
-from vlmb.system.diagnostics import HUGE, Diagnostics
+from vlmb.system.diagnostics import Diagnostics
 from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames
 from vlmb.system.gains import require_decay
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
-from vlmb.system.recursive import along_heading, recursive
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
-from vlmb.system.subchains import SubChains
 from vlmb.system.types import Rhs
 
 Array = NDArray[np.float64]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
-ROUTES = ("recursive", "dense", "subchains")
 
 
 class Evaluation(NamedTuple):
@@ -61,7 +58,6 @@ class System:
 
     mechanism: Mechanism
     run: Run
-    chosen_route: str | None  # None: the fastest sound one
     segments: tuple[tuple[Segment, SegmentIndex], ...]  # free ones, with their springs
     direction_springs: tuple[DirectionSpring, ...]
     prescribed: tuple[Prescribed, ...]
@@ -70,7 +66,7 @@ class System:
     programme: ProgrammePlan | None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return make_system, (self.mechanism, self.run, self.chosen_route, self.forces.inputs)
+        return make_system, (self.mechanism, self.run, self.forces.inputs)
 
     def workspace(self, control: Control | None = None, branch: Sequence[float] | None = None) -> Workspace:
         """Make the buffers of one run. `control` gives the inputs; `branch` (N,) is the one that angles are first read on."""
@@ -112,20 +108,25 @@ class System:
         return self.mechanism.layout.nq + self.mechanism.layout.nv + len(self.work_names)
 
     @cached_property
-    def route(self) -> str:
-        """The fastest sound route, or the one asked for. SceneError where that does not serve."""
-        route, controlled = self.chosen_route, self.forces.inputs is not None
-        simple = self.knife_edge in ("none", "reduction")
-        light = simple and not (self.forces.needed or self.direction_springs or self.prescribed or self.constraints is not None)
-        if route is None:
-            if not controlled and simple and is_long(self.mechanism.scene):
-                return "subchains"
-            return "recursive" if light and len(self.mechanism.layout.links) <= LONG_CHAIN else "dense"
-        if route == "recursive" and not light:
-            raise SceneError("the recursive route serves spring-dampers and the reduced knife edge only; use 'dense'")
-        if route == "subchains" and (controlled or not simple):
-            raise SceneError("the route 'subchains' serves springs, dampers and the reduced knife edge only; use 'dense'")
-        return route
+    def engine(self) -> str:
+        """What evaluates the motion: `core` or `pinocchio`. SceneError where the core is asked for and does not serve."""
+        if self.run.engine == "pinocchio":
+            return "pinocchio"
+        why = obstacle(self.mechanism, self.run)
+        if why is not None and self.run.engine == "core":
+            raise SceneError(f"run.engine = 'core': it does not serve {why}; use 'pinocchio', or 'auto'")
+        return "core" if why is None else "pinocchio"
+
+    @cached_property
+    def core_plan(self) -> CorePlan:
+        """What the compiled core runs."""
+        inputs = self.forces.inputs or ()
+        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, inputs, self.work_names)
+
+    @cached_property
+    def watch_plan(self) -> CorePlan:
+        """What the core looks for where Pinocchio moves."""
+        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, (), (), watching=True)
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -152,23 +153,21 @@ class System:
 
 
 def make_system(
-    mechanism: Mechanism, run: Run | None = None, route: str | None = None, inputs: Sequence[str] | None = None, **options: Any
+    mechanism: Mechanism, run: Run | None = None, inputs: Sequence[str] | None = None, **options: Any
 ) -> System:
     """Compile all that acts on a mechanism.
 
     Parameters
     ----------
     run : None means the scene's; `options` are put over it, such as knife_edge="multiplier", gain=0.0
-    route : recursive | dense | subchains; None: the fastest sound one
     inputs : names of forces whose values come from outside, as of a control
 
     Raises SceneError for what is wrong with forces, equations, programme, gains or options.
     """
     scene = mechanism.scene
     run = msgspec.structs.replace(scene.run if run is None else run, **options)
-    for key, value, allowed in (("knife_edge", run.knife_edge, KNIFE_EDGES), ("route", route or "dense", ROUTES)):
-        if value not in allowed:
-            raise SceneError(f"{key} = {value!r}: no such {key}; {nearest(value, allowed)}")
+    if run.knife_edge not in KNIFE_EDGES:
+        raise SceneError(f"knife_edge = {run.knife_edge!r}: no such knife_edge; {nearest(run.knife_edge, KNIFE_EDGES)}")
     springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
     forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
     held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
@@ -178,23 +177,22 @@ def make_system(
         assert rows is not None
         servo = len(scene.constraints) + len(scene.programme.constraints)
         plan = make_plan(mechanism, scene.programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run)
-    made = System(mechanism, run, route, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
-    if route is not None:
-        _ = made.route  # refuses one that does not serve
+    made = System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
+    _ = made.engine  # refuses one that does not serve
     return made
 
 
 class Workspace:
     """The buffers of one run of a system: right-hand side of y = (q, v, work), and all forces. One thread at a time.
 
-    `recursive` serves spring-dampers and the reduced knife edge, `subchains` the same on long chains, `dense` everything.
+    Mass matrix and bias by Pinocchio, one Cholesky.
     """
 
     def __init__(self, system: System, control: Control | None = None, branch: Sequence[float] | None = None) -> None:
         mechanism = system.mechanism
         self.system, self.mechanism, self.layout = system, mechanism, mechanism.layout
         self.nq, self.nv, self.size = self.layout.nq, self.layout.nv, system.size
-        self.work_names, self.knife_edge, self.route = system.work_names, system.knife_edge, system.route
+        self.work_names, self.knife_edge = system.work_names, system.knife_edge
         self.frames = LinkFrames(mechanism)
         self.applied = ForceWriter(mechanism, system.forces, self.frames, control)
         held = self.knife_edge in ("multiplier", "projection")
@@ -202,22 +200,14 @@ class Workspace:
             mechanism, self.frames, system.constraints, system.programme, held, system.run.gain, system.prescribed_dofs
         )
         self.springs = SegmentSprings(system.segments, self.nq)
-        self.subchains = SubChains(mechanism) if self.route == "subchains" else None
-        self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver, self.subchains)
+        self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver)
         self._calls = [0]
         self._branch = [0.0] * len(self.layout.names) if branch is None else list(branch)
         self._dense = Dense(
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
             self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
         )  # fmt: skip
-        sliding = self.knife_edge == "reduction"
-        self.rhs: Rhs
-        if self.subchains is not None:
-            self.rhs = self._long(self.subchains, sliding)
-        elif self.route == "recursive":
-            self.rhs = recursive(mechanism, self.frames, self.springs, sliding, self.size, self._calls, self.diagnostics)
-        else:
-            self.rhs = self._dense.rhs()
+        self.rhs: Rhs = self._dense.rhs()
 
     @property
     def evaluations(self) -> int:
@@ -236,26 +226,6 @@ class Workspace:
     def forget(self) -> None:
         """Count right-hand sides from zero again."""
         self._calls[0] = 0
-
-    def _long(self, chains: SubChains, sliding: bool) -> Rhs:
-        """Sub-chains: every link a piece of its own, all at once in closed form."""
-        model, nq, end, calls, damped = self.mechanism.model, self.nq, self.nq + self.nv, self._calls, bool(self.work_names)
-        normalize, product, dy = pin.normalize, pin.tangentMapProduct, np.zeros(self.size)
-        qdot, vdot = dy[:nq], dy[nq:end]
-
-        def rhs(t: float, y: Array) -> Array:
-            calls[0] += 1
-            raw, v = y[:nq], y[nq:end]
-            q = normalize(model, raw)
-            vdot[...] = chains.accelerations(q, v)
-            if not vdot.dot(vdot) < HUGE * HUGE:
-                raise self.diagnostics.not_finite(q, v, chains.springs(q, v))
-            qdot[...] = product(model, raw, v)
-            if damped:
-                dy[-1] = chains.dissipation()
-            return dy
-
-        return along_heading(rhs, nq) if sliding else rhs
 
     def pack(self, state: State) -> Array:
         """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""

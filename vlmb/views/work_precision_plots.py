@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vlmb.simulation.integrate import METHODS
+from vlmb.simulation.methods import METHODS
 from vlmb.studies.work_precision import QUANTITIES, Entry, Measured
 from vlmb.views.style import BLACK, GREY, PALETTE, style
 

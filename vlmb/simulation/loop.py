@@ -1,0 +1,283 @@
+"""The loop of a run: from break to break of its laws, from event to event; what was recorded is kept, whatever stops it."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core.driver import (
+    ANSWER,
+    CROSSING,
+    DIVERGED,
+    DONE,
+    EVALUATIONS,
+    FAILED,
+    GO_ON,
+    HIT,
+    NEXT_SAMPLE,
+    NOT_FINITE,
+    SLICE,
+    SLICE_SIZE,
+    STEPS,
+    STOP,
+    STOP_TIME,
+    STOPPED,
+    TIME,
+    Driver,
+    begin,
+    make_driver,
+    resume,
+)  # fmt: skip
+from vlmb.core.locate import Crossing, crossings
+from vlmb.core.samples import state_at
+from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
+from vlmb.scene.tables import DEFAULT_STEP, Run
+from vlmb.simulation.methods import find_method
+from vlmb.system.events import FALL, LINE_UP, SWITCH, Event
+
+Array = NDArray[np.float64]
+
+SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
+FIRST_SLICE = 200  # evaluations
+IN_LINE = 1e-6  # sine of an angle below which two directions line up
+SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
+TOO_MANY = 40
+UNDER = 1e-12  # [m] of a point under the snow at the start
+STUCK_TEXT = "the steps became too small to go on: the motion is too stiff, or singular, here"
+INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
+
+
+class Engine(Protocol):
+    """What the loop asks of an engine."""
+
+    @property
+    def name(self) -> str:
+        """`core` or `pinocchio`."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Numbers in a state."""
+        ...
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What is looked for after every step."""
+        ...
+
+    def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
+        """Go on to the next thing that only the caller can answer."""
+        ...
+
+    def accept(self, t: float, y: Array) -> None:
+        """Take a state as the one near which angles are read."""
+        ...
+
+    def indicators(self, t: float, y: Array) -> Array:
+        """Return the indicators (e,) of all events."""
+        ...
+
+    def in_line(self, event: Event, t: float, y: Array) -> float:
+        """Return the sine of the angle between the directions of a line-up."""
+        ...
+
+    def failure(self, driver: Driver) -> VlmbError | None:
+        """Return the first failure of an evaluation that led to the end of a run."""
+        ...
+
+    def why(self, t: float, y: Array) -> str:
+        """Add what is known of a place where a run failed."""
+        ...
+
+    def note(self, t: float, y: Array) -> None:
+        """Record what acts from outside at a state that is kept beside the samples."""
+        ...
+
+    def raised(self, error: BaseException) -> bool:
+        """Whether an error is one that the control raised."""
+        ...
+
+
+class Recorded(NamedTuple):
+    """The samples of a run so far."""
+
+    t: Array  # (N,)
+    states: Array  # (N, size)
+
+
+class Loop:
+    """Takes a state through all samples."""
+
+    def __init__(
+        self, engine: Engine, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:  # fmt: skip
+        self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
+        self.method = find_method(run.method)
+        self.h_max = np.inf if run.max_step is None else run.max_step
+        step = 0.0 if self.method.adaptive else run.step or DEFAULT_STEP
+        directions = np.array([event.direction for event in engine.events])
+        self.driver = make_driver(
+            self.method.driver, engine.size, times, directions, rtol=run.rtol, atol=run.atol, step=step, h_max=self.h_max,
+            slice_size=FIRST_SLICE,
+        )  # fmt: skip
+        self.driver.point[:] = y
+        self.t, self.last = start, float(times[-1])
+        self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
+        self.switched: list[float] = []  # times of the last switches
+        self.stop = Event(SWITCH, 0.0, "", "")  # what stopped the last step
+        self._refuse_start()
+
+    @property
+    def steps(self) -> int:
+        """Accepted steps so far."""
+        return int(self.driver.counts[STEPS])
+
+    @property
+    def evaluations(self) -> int:
+        """Right-hand sides so far."""
+        return int(self.driver.counts[EVALUATIONS])
+
+    def failed_by(self, error: Exception) -> str:
+        """Return the sentence for an error that went through."""
+        self._note_time()
+        source = "the control raised " if self.engine.raised(error) else ""
+        return f"failed at t = {self.t:.6g} s: {source}{type(error).__name__}: {error}"
+
+    @property
+    def recorded(self) -> Recorded:
+        """The samples so far; the instant of the event that ended the run is the last; one at least."""
+        count = int(self.driver.counts[NEXT_SAMPLE])
+        t, states = self.driver.times[:count], self.driver.samples[:count]
+        instant = self.extra
+        if instant is None and not count:
+            instant = self.t, np.array(self.driver.point)
+        if instant is not None and not (count and t[-1] >= instant[0]):
+            t, states = np.append(t, instant[0]), np.vstack([states, instant[1]])
+        return Recorded(np.array(t), np.array(states))
+
+    def run(self) -> tuple[str, str]:
+        """Go to the last sample; return a status and a sentence. What user code raises goes through."""
+        try:
+            for end in [*(b for b in self.breaks if b < self.last), self.last]:
+                sentence = self._stretch(end)
+                if sentence is not None:
+                    return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
+        except VlmbError as error:
+            why = ""
+            if not isinstance(error, SingularError):
+                with contextlib.suppress(VlmbError):
+                    why = self.engine.why(self.t, self.driver.point)
+            return "failed", f"failed at t = {self.t:.6g} s: {error}{why}"
+        except KeyboardInterrupt:
+            self._note_time()
+            return "interrupted", f"interrupted at t = {self.t:.6g} s; the part so far is kept"
+        return "finished", f"finished at t = {self.last:.6g} s."
+
+    def _stretch(self, end: float) -> str | None:
+        """Go to a break, or the end; return a sentence if an event ends the run before."""
+        inside = self.t if self.t in (0.0, end) or not self.breaks else self.t + INSIDE * abs(self.t)
+        until = end if end == self.last else end - INSIDE * abs(end)
+        self.engine.accept(self.t, self.driver.point)
+        begin(self.driver, min(inside, until), until)
+        while True:
+            code = self._slice()
+            if code == DONE:
+                self.t = end
+                return None
+            if code == CROSSING:
+                self._answer()
+            elif code == STOPPED:
+                self._note_time()
+                sentence = self._after_stop()
+                if sentence is not None:
+                    return sentence
+                self.engine.accept(self.t, self.driver.point)
+                resume(self.driver, self.t, until)
+            elif code != SLICE:
+                self._note_time()
+                raise self._failure(code)
+
+    def _slice(self) -> int:
+        """Run for a bounded time, so that signals are looked at."""
+        began = time.perf_counter()
+        code = self.engine.run(self.driver, self.bounds, self.h_max)
+        if code == SLICE:
+            share = SLICE_SECONDS / max(time.perf_counter() - began, 1e-6)
+            size = int(self.driver.counts[SLICE_SIZE])
+            self.driver.counts[SLICE_SIZE] = int(min(max(size * min(max(share, 0.2), 5.0), 20), 1e9))
+        if self.tell is not None:
+            self._note_time()
+            self.tell(min(self.t, self.last))
+        return code
+
+    def _answer(self) -> None:
+        """Note the first crossing of a step that counts, and answer."""
+        driver = self.driver
+        found = crossings(driver, self.engine.indicators)
+        driver.indicators[HIT] = 0.0
+        driver.counts[ANSWER] = GO_ON
+        for crossing in found:
+            if self._counts(crossing):
+                driver.indicators[HIT, crossing.indicator] = crossing.direction
+                driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
+                self.stop = self.engine.events[crossing.indicator]
+                return
+
+    def _counts(self, crossing: Crossing) -> bool:
+        """Whether a crossing ends a step: two directions must really line up."""
+        event = self.engine.events[crossing.indicator]
+        if event.kind != LINE_UP:
+            return True
+        y = np.empty_like(self.driver.point)
+        state_at(self.driver, crossing.t, y)
+        return self.engine.in_line(event, crossing.t, y) < IN_LINE
+
+    def _after_stop(self) -> str | None:
+        """Return the sentence of an event that ends the run; a switch only begins a new step."""
+        event = self.stop
+        if event.kind == SWITCH:
+            self.switched = [*self.switched[-TOO_MANY:], self.t]
+            if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
+                return None
+            self._end_here()
+            return (
+                f"{event.name}: both sides of this switch drive back to it, and no motion along it is defined; a force that "
+                "holds until it is overcome is friction, not a sign of the velocity"
+            )
+        self._end_here()
+        return event.sentence
+
+    def _end_here(self) -> None:
+        """Keep the instant at which an event ends the run."""
+        self.extra = self.t, np.array(self.driver.point)
+        self.engine.note(*self.extra)
+
+    def _failure(self, code: int) -> VlmbError:
+        error = self.engine.failure(self.driver)
+        if error is not None:
+            return error
+        if code == NOT_FINITE:
+            fixed = "the step is too large for this motion; reduce `step`"
+            return SimulationError(f"the state is no longer finite{'' if self.method.adaptive else ': ' + fixed}")
+        if code == DIVERGED:
+            return SimulationError(
+                "the stages of the Gauss method do not converge: the step is too large for this motion; reduce it"
+            )
+        return SimulationError(STUCK_TEXT if code != FAILED else "an evaluation has no answer here")
+
+    def _note_time(self) -> None:
+        self.t = float(self.driver.real[TIME])
+
+    def _refuse_start(self) -> None:
+        """Raise SceneError for a start with a point under the snow."""
+        watched = [(k, event) for k, event in enumerate(self.engine.events) if event.kind == FALL]
+        heights = self.engine.indicators(self.t, self.driver.point) if watched else ()
+        for k, event in watched:
+            if heights[k] < -UNDER:
+                raise SceneError(f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi, or set run.fall = false")

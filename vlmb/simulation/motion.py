@@ -1,0 +1,95 @@
+"""The samples of a run as its engine has them: where every point is, Pinocchio's states, energies."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.core.along import energies_along
+from vlmb.core.plant import make_memory
+from vlmb.core.tree import AT_P
+from vlmb.model.arrays import pinocchio_states
+from vlmb.model.frozen import read_only
+from vlmb.model.reading import Postures, read_along
+from vlmb.system.frames import LinkFrames
+from vlmb.system.springs import spring_energy
+from vlmb.system.system import System
+
+Array = NDArray[np.float64]
+
+
+class Motion:
+    """Samples t (N,), states (N, size) of an engine; nothing is computed before it is asked for."""
+
+    def __init__(self, system: System, engine: str, t: Array, states: Array, branch: Array) -> None:
+        self.system, self.engine, self.t, self.states, self.branch = system, engine, t, states, branch
+
+    @cached_property
+    def postures(self) -> Postures:
+        """Where every point is, and how it moves."""
+        if self.engine == "core":
+            return self.system.core_plan.postures(self.t, self.states)
+        return self.system.mechanism.postures(self.pinocchio)
+
+    @cached_property
+    def coordinates(self) -> tuple[Array, Array]:
+        """The coordinates and their rates (N, coordinates)."""
+        values, rates = read_along(self.postures, self.t, self.branch)
+        return read_only(values), read_only(rates)
+
+    @cached_property
+    def pinocchio(self) -> tuple[Array, Array]:
+        """Pinocchio's q (N, nq) and v (N, nv)."""
+        layout = self.system.mechanism.layout
+        if self.engine == "core":
+            q, v = pinocchio_states(self.postures)
+        else:
+            q, v = self.states[:, : layout.nq], self.states[:, layout.nq : layout.nq + layout.nv]
+        return read_only(q), read_only(v)
+
+    @property
+    def work(self) -> Array:
+        """Work states (N, W) [J]."""
+        return read_only(self.states[:, self.states.shape[1] - len(self.system.work_names) :])
+
+    def energies(self, system: System) -> Array:
+        """Kinetic energy, gravity's and that of the springs (N, 3) [J]."""
+        if self.engine == "core":
+            plan, found = system.core_plan, np.empty((len(self.t), 3))
+            memory = make_memory(plan.plant, plan.arrays.given)
+            memory.near[:] = plan.spring_angles(self.branch[0])
+            energies_along(plan.plant, memory, np.ascontiguousarray(self.t), np.ascontiguousarray(self.states), found)
+            return found
+        return _by_pinocchio(system, *self.pinocchio)
+
+
+def _by_pinocchio(system: System, q: Array, v: Array) -> Array:
+    frames = LinkFrames(system.mechanism)
+    model, data = system.mechanism.model, frames.data
+    spring = spring_energy(system.mechanism, q)
+    for i in range(len(q) if system.direction_springs else 0):
+        frames.update(q[i])
+        spring[i] += sum(entry.energy(frames) for entry in system.direction_springs)
+    kinetic = [pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)]
+    potential = [pin.computePotentialEnergy(model, data, place) for place in q]
+    return np.column_stack([kinetic, potential, spring])
+
+
+def state_size(system: System, engine: str) -> int:
+    """Numbers in a state of an engine."""
+    if engine == "core":
+        return system.core_plan.positions + system.core_plan.velocities + len(system.work_names)
+    return system.size
+
+
+def unit_directions(system: System, engine: str, states: Array) -> bool:
+    """Whether the quaternions or directions of states (N, size) have length 1."""
+    if engine == "core":
+        tree, positions = system.core_plan.plant.tree, states[:, : system.core_plan.positions]
+        starts = [int(at) for at in tree.link[:, AT_P]]
+        return all(bool((np.abs(np.linalg.norm(positions[:, at : at + 3], axis=1) - 1.0) < 1e-3).all()) for at in starts)
+    model = system.mechanism.model
+    return all(pin.isNormalized(model, q, 1e-6) for q in states[:, : model.nq])

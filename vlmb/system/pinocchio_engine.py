@@ -1,0 +1,149 @@
+"""Pinocchio as an engine: the workspace of a run answers the requests of a method; y = (q, v, work)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
+from vlmb.core.march import march
+from vlmb.core.plant import make_memory
+from vlmb.core.run import indicate, longest_step
+from vlmb.errors import VlmbError
+from vlmb.model.coordinates import State
+from vlmb.system.events import Event
+from vlmb.system.forces import Control, known_rows
+from vlmb.system.system import System
+
+Array = NDArray[np.float64]
+
+CLOSEST = 1e-7  # [s] of a step, at least, where azimuths swing
+REMEMBERED = 64  # failures of evaluations
+
+
+class PinocchioEngine:
+    """Accelerations of one run by Pinocchio's mass matrix, bias and one Cholesky. One thread at a time.
+
+    What is looked for after a step is read by the core, on directions and lengths: `watch` has the events and no forces.
+    """
+
+    name = "pinocchio"
+
+    def __init__(self, system: System, control: Control | None, branch: Sequence[float]) -> None:
+        self.system, self.watch = system, system.watch_plan
+        watch = self.watch
+        self.workspace, self.start = system.workspace(control, branch), list(branch)
+        self.memory = make_memory(watch.plant, watch.arrays.given)
+        self.size = self.workspace.size
+        self.errors: list[VlmbError] = []
+        self.scratch = np.zeros((9, len(watch.events)))
+        self.asked: list[Array] = []
+        self.branches: list[list[float]] = []
+        self.room = np.inf
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What is looked for after every step."""
+        return self.watch.events
+
+    def pack(self, state: State) -> Array:
+        """Return y for Pinocchio's state, with no work done."""
+        return self.workspace.pack(state)
+
+    def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
+        """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
+        counts, real, rhs = driver.counts, driver.real, self.workspace.rhs
+        while True:
+            code = march(driver)
+            self._take_samples(driver)
+            if code == EVALUATE:
+                try:
+                    driver.slope[:] = rhs(float(real[TIME]), driver.point)
+                    counts[FAILURE] = 0
+                except VlmbError as error:
+                    self.errors = [*self.errors[-REMEMBERED:], error]
+                    counts[FAILURE] = len(self.errors)
+            elif code == INDICATE:
+                self.accept(float(real[TIME]), driver.point)
+                longest = longest_step(self.watch.plant, bounds, h_max, real[TIME], self._core_state(driver.point))
+                real[H_MAX] = min(longest, max(self.room, CLOSEST))
+                driver.indicators[VALUE : RATE + 1] = self._indicators(float(real[TIME]), driver.point)
+            else:
+                return int(code)
+
+    def evaluate(self, t: float, y: Array) -> Array:
+        """Return y' at (t, y)."""
+        return np.array(self.workspace.rhs(t, y))
+
+    def accept(self, t: float, y: Array) -> None:
+        """Take a state as the one near which angles are read. Raises SingularError beyond a programme's singular posture."""
+        _, self.room = self.workspace.accept(t, y)
+
+    def indicators(self, t: float, y: Array) -> Array:
+        """Return the indicators (e,) of all events."""
+        return self._indicators(t, y)[0]
+
+    def in_line(self, event: Event, t: float, y: Array) -> float:
+        """Return the sine of the angle between the two directions of a spring."""
+        first, second = next((s.first, s.second) for s in self.system.direction_springs if s.name == event.name)
+        seen = self.system.mechanism.postures(self.workspace.unpack(t, y))
+        return float(np.linalg.norm(np.cross(seen.directions[first], seen.directions[second])))
+
+    def failure(self, driver: Driver) -> VlmbError | None:
+        """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
+        code = int(driver.counts[FIRST_FAILURE])
+        return self.errors[min(code, len(self.errors)) - 1] if code and self.errors else None
+
+    def why(self, t: float, y: Array) -> str:
+        """Add what the mass matrix or the programme says about a place where a run failed."""
+        condition, names = self.workspace.diagnostics.conditioning(y[: self.workspace.nq])
+        if condition > 1e10:
+            weak = ", ".join(names)
+            return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
+        programme = self.workspace.solver.programme
+        return programme.weakness() if programme else ""
+
+    def raised(self, error: BaseException) -> bool:
+        """Whether an error is one that the control raised."""
+        reader = self.workspace.applied.reader
+        return reader is not None and error is reader.failure
+
+    def stored(self, t: Array, states: Array) -> Array:
+        """Return the samples as a trajectory stores them: unit quaternions, prescribed lengths exact, the knife edge kept."""
+        nq, nv = self.workspace.nq, self.workspace.nv
+        found = np.array(states)
+        for i, (time, y) in enumerate(zip(t.tolist(), states, strict=True)):
+            found[i, :nq], found[i, nq : nq + nv] = self.workspace.unpack(time, y)
+        return found
+
+    def sampled(self, t: Array, states: Array) -> tuple[Array, Array]:
+        """Return the forces (N, S) of the control at samples, nan where not known, and the branches (N or 1, coordinates)."""
+        inputs = known_rows(self.asked, len(t), len(self.workspace.applied.inputs))
+        if not self.system.reads_angles:
+            return inputs, np.array([self.start])
+        branches = [*self.branches[: len(t)], *[self.workspace.branch] * (len(t) - len(self.branches))]
+        return inputs, np.array(branches)
+
+    def _take_samples(self, driver: Driver) -> None:
+        """Ask the control, once, for the forces at each sample written since; note the branch of angles there."""
+        while len(self.asked) < driver.counts[NEXT_SAMPLE]:
+            self.note(float(driver.times[len(self.asked)]), driver.samples[len(self.asked)])
+
+    def note(self, t: float, y: Array) -> None:
+        """Record the forces of the control and the branch of angles at a sample."""
+        self.asked.append(self.workspace.inputs(t, self.workspace.unpack(t, y)))
+        self.branches.append(self.workspace.branch)
+
+    def _indicators(self, t: float, y: Array) -> Array:
+        core = self._core_state(y)
+        indicate(self.watch.plant, self.memory, t, core, np.zeros(len(core)), self.scratch)
+        return self.scratch[VALUE : RATE + 1]
+
+    def _core_state(self, y: Array) -> Array:
+        """Return directions and lengths of a state."""
+        workspace = self.workspace
+        q = pin.normalize(workspace.mechanism.model, y[: workspace.nq])
+        return self.watch.arrays.pack(q, np.array(y[workspace.nq : workspace.nq + workspace.nv]))
