@@ -72,7 +72,7 @@ def _by_pinocchio(system: System, q: Array, v: Array) -> Array:
     spring = spring_energy(system.mechanism, q)
     for i in range(len(q) if system.direction_springs else 0):
         frames.update(q[i])
-        spring[i] += sum(entry.energy(frames) for entry in system.direction_springs)
+        spring[i] += sum(entry.energy(frames, q[i]) for entry in system.direction_springs)
     kinetic = [pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)]
     potential = [pin.computePotentialEnergy(model, data, place) for place in q]
     return np.column_stack([kinetic, potential, spring])

@@ -59,7 +59,7 @@ class Dense:
             tau.fill(0.0)
         self.springs.write(y, tau)
         if self.direction_springs:
-            self._lost = apply_springs(self.direction_springs, self.frames, v, tau)
+            self._lost = apply_springs(self.direction_springs, self.frames, q, v, tau)
         if self.applied.forces.needed:
             self.applied.add(t, q, v, tau, self.branch)
 

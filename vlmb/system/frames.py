@@ -115,3 +115,9 @@ def between(first: Vector, second: Vector) -> tuple[Vector, float, float]:
     sine = math.sqrt(x * x + y * y + z * z)
     scale = 1.0 / sine if sine > 0.0 else 0.0
     return (x * scale, y * scale, z * scale), sine, ax * bx + ay * by + az * bz
+
+
+def cross(first: Vector, second: Vector) -> Vector:
+    """Return the cross product of two vectors."""
+    (ax, ay, az), (bx, by, bz) = first, second
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SingularError, nearest
-from vlmb.model.coordinates import SegmentIndex
+from vlmb.model.coordinates import Layout, SegmentIndex
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.tables import BASE, Segment
-from vlmb.system.frames import LinkFrames, Vector, between
+from vlmb.system.frames import LinkFrames, Vector, between, cross
 
 Array = NDArray[np.float64]
 Write = Callable[[Array, Array], None]
 
-FADE = 0.02  # [rad] angle below which a damper between directions fades
 FEW = 8  # segments that are faster one by one than all at once
 NEAR = 0.2  # of the range of a length: one that comes so near to a limit is told
 HEADING = "heading"  # the base's horizontal direction in `between`; "base" is the surface normal
@@ -113,9 +112,11 @@ def free_segments(mechanism: Mechanism) -> Iterator[tuple[Segment, SegmentIndex]
 
 @dataclass(frozen=True)
 class DirectionSpring:
-    """Spring-damper on the angle theta between two directions: torque -k (theta - rest) - c theta' s.
+    """Spring-damper between two directions: torque -k (theta - rest) on the angle theta between them.
 
-    theta' has no direction where the two line up; s = sin^2 / (sin^2 + FADE^2) lets the damper fade there.
+    The damper between two links takes the power c theta'^2. Where one end is the base, of the angular velocity w, it takes
+    c |d' - w x d|^2: isotropic, and regular in every posture. In a plane theta of two links is the signed angle of the second
+    over the first, which no line-up disturbs.
     """
 
     first: int  # link, -1 base normal, -2 heading
@@ -125,31 +126,41 @@ class DirectionSpring:
     rest: float
     name: str
 
-    def angle(self, frames: LinkFrames) -> tuple[Vector, float, float]:
-        """Axis, sine and cosine of the angle between the two directions now."""
-        return between(_reference_direction(self.first, frames), _reference_direction(self.second, frames))
+    @property
+    def on_base(self) -> bool:
+        """Whether one end is the base."""
+        return min(self.first, self.second) < 0
 
-    def torque(
-        self, axis: Vector, sine: float, cosine: float, first: Sequence[float], second: Sequence[float]
-    ) -> tuple[float, float]:
-        """Torque about the axis on the second [N m], for angular velocities of both; and the power lost in the damper [W]."""
-        angle = math.atan2(sine, cosine)
-        if sine < 1e-9:
-            if abs(angle - self.rest) * self.stiffness > 1e-6 * self.stiffness:
-                raise SingularError(
-                    f"{self.name}: the two directions line up (angle {angle:.3g} rad), where a spring with rest = "
-                    f"{self.rest:g} has no axis to turn about; start elsewhere or use rest = 0"
-                )
-            return 0.0, 0.0
-        (x, y, z), (ax, ay, az), (bx, by, bz) = axis, first, second
-        rate = (bx - ax) * x + (by - ay) * y + (bz - az) * z
-        damping = self.damping * sine * sine / (sine * sine + FADE * FADE)
-        return -self.stiffness * (angle - self.rest) - damping * rate, damping * rate * rate
+    def signed(self, layout: Layout) -> bool:
+        """Whether the angle is a signed one."""
+        return layout.plane and not self.on_base
 
-    def energy(self, frames: LinkFrames) -> float:
+    def angle(self, frames: LinkFrames, q: Array) -> float:
+        """Theta [rad] at a configuration, where the frames are up to date."""
+        if self.signed(frames.layout):
+            return _elevation(frames.layout, self.second, q) - _elevation(frames.layout, self.first, q)
+        directions = frames.all_directions()
+        _, sine, cosine = between(directions[self.first], directions[self.second])
+        return math.atan2(sine, cosine)
+
+    def spring_torque(self, angle: float, sine: float) -> float:
+        """Torque of the spring [N m]. Raises SingularError where it has no axis to turn about."""
+        off = angle - self.rest
+        if sine < 1e-9 and abs(off) * self.stiffness > 1e-6 * self.stiffness:
+            raise SingularError(
+                f"{self.name}: the two directions line up (angle {angle:.3g} rad), where a spring with rest = "
+                f"{self.rest:g} has no axis to turn about; start elsewhere or use rest = 0"
+            )
+        return -self.stiffness * off
+
+    def energy(self, frames: LinkFrames, q: Array) -> float:
         """k (theta - rest)^2 / 2 [J]."""
-        _, sine, cosine = self.angle(frames)
-        return 0.5 * self.stiffness * (math.atan2(sine, cosine) - self.rest) ** 2
+        return 0.5 * self.stiffness * (self.angle(frames, q) - self.rest) ** 2
+
+
+def _elevation(layout: Layout, link: int, q: Array) -> float:
+    """Elevation of a link in a plane, full turns counted: the sum of the hinges' angles."""
+    return float(sum(q.item(layout.links[i].q) for i in layout.path(link)))
 
 
 def direction_springs(mechanism: Mechanism) -> tuple[DirectionSpring, ...]:
@@ -172,24 +183,48 @@ def direction_springs(mechanism: Mechanism) -> tuple[DirectionSpring, ...]:
     return tuple(springs)
 
 
-def apply_springs(springs: Sequence[DirectionSpring], frames: LinkFrames, v: Array, tau: Array) -> float:
+def apply_springs(springs: Sequence[DirectionSpring], frames: LinkFrames, q: Array, v: Array, tau: Array) -> float:
     """Add the torques of all springs to tau, equal and opposite on their two; return the power lost in dampers [W], >= 0."""
     directions, omegas = frames.all_directions(), frames.all_omegas(v)
     moments = [[0.0, 0.0, 0.0] for _ in directions]
     lost = 0.0
+
+    def push(spring: DirectionSpring, torque: float, axis: Vector) -> None:
+        for k in range(3):
+            moments[spring.first][k] -= torque * axis[k]
+            moments[spring.second][k] += torque * axis[k]
+
     for spring in springs:
         first, second = spring.first, spring.second
+        (ax, ay, az), (bx, by, bz) = omegas[first], omegas[second]
+        if spring.signed(frames.layout):
+            hx, hy, _ = frames.heading()
+            axis = hy, -hx, 0.0  # an elevation grows about it
+            rate = (bx - ax) * hy - (by - ay) * hx
+            push(spring, -spring.stiffness * (spring.angle(frames, q) - spring.rest) - spring.damping * rate, axis)
+            lost += spring.damping * rate * rate
+            continue
         axis, sine, cosine = between(directions[first], directions[second])
-        torque, power = spring.torque(axis, sine, cosine, omegas[first], omegas[second])
-        lost += power
-        for k in range(3):
-            moments[first][k] -= torque * axis[k]
-            moments[second][k] += torque * axis[k]
+        torque = spring.spring_torque(math.atan2(sine, cosine), sine)
+        if spring.on_base:
+            lost += _damp_on_base(spring, directions, omegas, moments)
+        else:
+            rate = (bx - ax) * axis[0] + (by - ay) * axis[1] + (bz - az) * axis[2]
+            torque, lost = torque - spring.damping * rate, lost + spring.damping * rate * rate
+        push(spring, torque, axis)
     frames.all_torques(moments, tau)
     return lost
 
 
-def _reference_direction(which: int, frames: LinkFrames) -> Vector:
-    if which >= 0:
-        return frames.direction(which)
-    return (0.0, 0.0, 1.0) if which == -1 else frames.heading()
+def _damp_on_base(
+    spring: DirectionSpring, directions: Sequence[Vector], omegas: Sequence[Sequence[float]], moments: list[list[float]]
+) -> float:
+    """Add the torque -c d x (d' - w x d) on a link and its reaction on the base; return the power lost [W]."""
+    link = max(spring.first, spring.second)
+    d, omega, (_, _, yaw) = directions[link], omegas[link], omegas[-1]
+    turning = cross((omega[0], omega[1], omega[2] - yaw), d)  # d' - w x d
+    torque = cross(d, turning)
+    for k in range(3):
+        moments[link][k] -= spring.damping * torque[k]
+        moments[-1][k] += spring.damping * torque[k]
+    return spring.damping * (turning[0] ** 2 + turning[1] ** 2 + turning[2] ** 2)
