@@ -19,6 +19,7 @@ from vlmb.core.quantities import add_row, measure
 from vlmb.core.scratch import make_scratch
 from vlmb.model.arrays import make_arrays
 from vlmb.model.coordinates import segment_of
+from vlmb.model.memory import make_data
 from vlmb.model.quantities import QuantityTable
 
 SIDEWAYS = 1  # velocity of a ski across its edge, in Pinocchio's order
@@ -31,9 +32,10 @@ def under_springs(mechanism: vlmb.Mechanism, q: np.ndarray, v: np.ndarray) -> np
         if c.kind == "xi":
             segment, at = mechanism.segment(c), segment_of(mechanism.layout, c)
             tau[at.v] = -segment.stiffness * (q[at.q] - segment.rest_length) - segment.damping * v[at.v]
-    matrix = np.array(pin.crba(mechanism.model, mechanism.data, q, pin.Convention.LOCAL))
+    data = make_data(mechanism.model)
+    matrix = np.array(pin.crba(mechanism.model, data, q, pin.Convention.LOCAL))
     matrix = np.triu(matrix) + np.triu(matrix, 1).T
-    right = tau - pin.nle(mechanism.model, mechanism.data, q, v)
+    right = tau - pin.nle(mechanism.model, data, q, v)
     free = [at for at in range(len(right)) if not (mechanism.layout.base == "ski" and at == SIDEWAYS)]
     found = np.zeros(len(right))
     found[free] = np.linalg.solve(matrix[np.ix_(free, free)], right[free])
@@ -75,8 +77,8 @@ def test_energies_are_pinocchios(base: str) -> None:
     q, v = random_state(mechanism, 6, sideways=False)
     found = np.zeros(3)
     energies(arrays.tree, arrays.pack(q, v), arrays.given, found)
-    assert found[0] == pytest.approx(pin.computeKineticEnergy(mechanism.model, mechanism.data, q, v), rel=1e-12)
-    assert found[1] == pytest.approx(pin.computePotentialEnergy(mechanism.model, mechanism.data, q), rel=1e-12)
+    assert found[0] == pytest.approx(pin.computeKineticEnergy(mechanism.model, make_data(mechanism.model), q, v), rel=1e-12)
+    assert found[1] == pytest.approx(pin.computePotentialEnergy(mechanism.model, make_data(mechanism.model), q), rel=1e-12)
 
 
 @pytest.mark.parametrize("plane", [False, True])
