@@ -12,6 +12,7 @@ import vlmb
 from tests.anchored import anchored
 from tests.reference.particles import Particles
 from tests.small_scenes import FIXED, PIVOT, SKI, link, random_state, table
+from vlmb.model.memory import make_data
 from vlmb.model.names import POINTS
 
 BARE = {"lower": None, "upper": None, "tip_mass": None}
@@ -23,7 +24,7 @@ def test_points_are_read_where_pinocchio_has_them(base: str, plane: bool) -> Non
     mechanism = vlmb.build(anchored(base, plane=plane))
     q, v = random_state(mechanism, 3)
     seen = mechanism.postures((q, v))
-    model, data = mechanism.model, mechanism.data
+    model, data = mechanism.model, make_data(mechanism.model)
     pin.forwardKinematics(model, data, q, v)
     pin.updateFramePlacements(model, data)
     for i, at in enumerate(mechanism.layout.links):

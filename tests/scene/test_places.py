@@ -23,7 +23,8 @@ REFUSED: dict[str, tuple[Table, tuple[str, ...]]] = {
         table(FLYING, [link("leg", anchor=[0.1, 0.0, 0.0])]), ("links[0].anchor", "free base is a point", "'leg'", "parent_point")
     ),
     "anchor on a link": (
-        table(PIVOT, [link("leg"), link("arm", anchor=[0.1, 0.0, 0.0])]), ("links[1].anchor", "'arm' hangs on 'leg'", "parent = 'base'")
+        table(PIVOT, [link("leg"), link("arm", anchor=[0.1, 0.0, 0.0])]),
+        ("links[1].anchor", "'arm' hangs on 'leg'", "parent = 'base'"),
     ),
     "anchor of two numbers": (table(SKI, [link("leg", anchor=[0.1, 0.0])]), ("links[0].anchor", "length 3")),
     "anchor with a text": (table(SKI, [link("leg", anchor=[0.1, "wide", 0.0])]), ("links[0].anchor[1]", "'wide'")),
@@ -31,7 +32,9 @@ REFUSED: dict[str, tuple[Table, tuple[str, ...]]] = {
     "a distance along a ski": (
         table(SKI, [link("leg", parent_point=0.2)]), ("links[0].parent_point", "anchor = [ahead, left, up]")
     ),
-    "a distance along the ground": (table(PIVOT, [link("leg", parent_point=0.2)]), ("links[0].parent_point", "anchor = [x, y, z]")),
+    "a distance along the ground": (
+        table(PIVOT, [link("leg", parent_point=0.2)]), ("links[0].parent_point", "anchor = [x, y, z]")
+    ),
     "a distance along a free base": (table(FLYING, [link("leg", parent_point=0.2)]), ("links[0].parent_point", "remove it")),
     "beyond the tip": (hung(0.91), ("links[1].parent_point", "0.91 m", "'trunk'", "0 to 0.9 m")),
     "before the hinge": (hung(-0.01), ("links[1].parent_point", "-0.01 m", "0 to 0.9 m")),
@@ -40,7 +43,9 @@ REFUSED: dict[str, tuple[Table, tuple[str, ...]]] = {
     "behind a free lower segment": (
         hung(0.4, lower=FREE), ("links[1].parent_point", "lower segment of 'trunk' is free", "'rod_start', 'rod_end' or 'tip'")
     ),
-    "behind a prescribed lower segment": (hung(0.4, lower=LAW), ("links[1].parent_point", "lower segment of 'trunk' is prescribed")),
+    "behind a prescribed lower segment": (
+        hung(0.4, lower=LAW), ("links[1].parent_point", "lower segment of 'trunk' is prescribed")
+    ),
     "a wrong word": (hung("knee"), ("links[1].parent_point", "'knee'", "tip, rod_start, rod_end, or a number")),
     "an unknown parameter": (hung("2*L"), ("links[1].parent_point", "'L'")),
     "an engine": (table(run={"engine": "casadi"}), ("run.engine", "'casadi'", "auto, core, pinocchio")),

@@ -49,13 +49,13 @@ def coordinates(trajectory: vlmb.Trajectory, count: int) -> None:
 
 @key
 def degrees_of_freedom(trajectory: vlmb.Trajectory, count: int) -> None:
-    """Independent velocities: coordinates less what edge, laws and ideal rows take; the model's, less the links' spins."""
+    """Independent velocities: coordinates less the knife edge and the prescribed lengths; the model's, less the links' spins."""
     scene, mechanism = trajectory.scene, trajectory.mechanism
-    taken = sum(link.segment(k).motion == "prescribed" for link in scene.links for k in (1, 2))
-    taken += (scene.base.kind == "ski") + len(scene.constraints)
+    prescribed = sum(link.segment(k).motion == "prescribed" for link in scene.links for k in (1, 2))
+    edge = scene.base.kind == "ski"
     spins = 0 if scene.plane else len(scene.links)
-    assert len(mechanism.coordinate_names) - taken == count
-    assert mechanism.model.nv - spins - taken == count
+    assert len(mechanism.coordinate_names) - prescribed - edge == count
+    assert mechanism.model.nv - spins - prescribed - edge == count
 
 
 @key

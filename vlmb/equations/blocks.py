@@ -98,9 +98,9 @@ class Coefficients:
 def mass_matrix(mechanism: Mechanism, chart: VelocityMap, data: Any) -> Array:
     """Mass matrix S^T M S (N, N), M by CRBA.
 
-    LOCAL convention: its digits do not depend on how far from the origin the mechanism is. A ski's heading moves the ski, and links
-    by their anchors alone, while CRBA would subtract the whole mechanism's inertia from itself; its row is inverse dynamics at
-    unit acceleration.
+    LOCAL convention: its digits do not depend on how far from the origin the mechanism is. A ski's heading moves the ski and the
+    anchors on it alone, while CRBA would subtract the whole mechanism's inertia from itself; its row is inverse dynamics at unit
+    acceleration.
     """
     layout = mechanism.layout
     crba = pin.crba(mechanism.model, data, chart.q, pin.Convention.LOCAL)
