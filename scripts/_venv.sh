@@ -64,3 +64,6 @@ prepare() {
         fail "the installation failed; see above. It needs the network."
     printf '%s\n' "$key" >"$venv/.vlmb-$extras"
 }
+
+# warm: compile the engine, once on this machine, so that what runs side by side afterwards finds it compiled.
+warm() { "$python" "$root/scripts/_warm.py"; }
