@@ -96,7 +96,7 @@ def simulate(
         mover = make_engine(system, branch, control)
         y = mover.pack(start.state)
         start = start._replace(adjustments=(*start.adjustments, *_balanced(system, mover, y, start)))
-        loop = Loop(mover, run, y, times, breaks, 0.0, np.zeros((0, 3)), progress)
+        loop = Loop(mover, run, y, times, breaks, 0.0, system.core_plan.step_bounds(0.0, run.duration), progress)
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {

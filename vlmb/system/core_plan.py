@@ -16,6 +16,7 @@ from vlmb.core import springs as core_springs
 from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.springs import AngleSprings
+from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
 from vlmb.model.coordinates import segment_of
 from vlmb.model.mechanism import Mechanism
@@ -29,6 +30,8 @@ from vlmb.system.prescribed import Prescribed
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
+
+MOST_BOUNDS = 256  # of steps in time, which are gone through after every step
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,15 @@ class CorePlan:
             if layout.plane and min(spring.first, spring.second) >= 0:
                 found[k] = coordinates[layout.place("psi", spring.second)] - coordinates[layout.place("psi", spring.first)]
         return found
+
+    def step_bounds(self, begin: float, end: float) -> Array:
+        """Return (count, 3) begin, end and longest step [s]: no step may pass over something that a law of time does."""
+        scale = time_scale(self.plant.tape, self.plant.parameters, begin, end)
+        steps = scale.steps[scale.steps[:, 2] < end - begin]
+        if len(steps) <= MOST_BOUNDS:
+            return np.ascontiguousarray(steps)
+        groups = np.array_split(steps, MOST_BOUNDS)
+        return np.array([(group[0, 0], group[-1, 1], group[:, 2].min()) for group in groups])
 
     def given_at(self, memory: Memory, t: Array) -> Array:
         """Return the lengths (N, n, 6) that are not free, with two derivatives, at times t (N,)."""
@@ -127,7 +139,7 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and (watching or _reads_angles(table)):
+    if not events and (watching or roots or _reads_angles(table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
