@@ -78,10 +78,3 @@ def test_in_a_plane_links_stay_parallel_to_it() -> None:
     for i in range(len(mechanism.layout.links)):
         root = mechanism.layout.path(i)[0]
         assert seen.position(i, "tip")[1] == mechanism.layout.links[root].anchor[1]
-
-
-def test_long_chains_on_an_anchor_take_another_route() -> None:
-    chain = [link(f"a{i}", upper=None) for i in range(30)]
-    chain[0]["anchor"] = [0.1, 0.0, 0.0]
-    with pytest.raises(vlmb.SceneError, match="a link on an anchor"):
-        vlmb.simulate(table(PIVOT, chain), duration=0.01, route="subchains")

@@ -10,7 +10,7 @@ import pytest
 import vlmb
 from tests.anchored import anchored
 from tests.reference.particles import Particles
-from tests.small_scenes import ANY_LENGTH, FIXED, FLYING, SKI, TIGHT, link, table
+from tests.small_scenes import ANY_LENGTH, FIXED, FLYING, PIVOT, SKI, TIGHT, link, table
 
 
 def started(base: str, **keys: object) -> dict[str, object]:
@@ -31,6 +31,26 @@ def test_energy_is_accounted_for(base: str, plane: bool) -> None:
     run = vlmb.simulate(started(base, plane=plane), duration=0.5)
     assert run.status == "finished", run.message
     assert np.abs(run["balance"]).max() <= 1e-8 * run["kinetic"].max()
+
+
+@pytest.mark.parametrize("base", ["pivot", "ski"])
+def test_both_engines_give_the_same_motion(base: str) -> None:
+    first, second = (vlmb.simulate(started(base), duration=0.5, engine=engine) for engine in ("core", "pinocchio"))
+    for name in first.mechanism.coordinate_names:
+        np.testing.assert_allclose(first[name], second[name], rtol=0.0, atol=1e-9)
+    for name, values in first.reactions.items():
+        np.testing.assert_allclose(values, second.reactions[name], rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("links", [1, 30])
+def test_on_the_ground_an_anchor_is_a_shift(links: int) -> None:
+    chain = [link(f"a{i}") for i in range(links)]
+    there = [{**chain[0], "anchor": [0.7, -0.3, 1.1]}, *chain[1:]]
+    start = {"psi1": 0.6, "phi1_dot": 1.0}
+    plain, shifted = (vlmb.simulate(table(PIVOT, each, start=start), duration=0.1) for each in (chain, there))
+    shift = shifted.position(f"a{links - 1}", "tip") - plain.position(f"a{links - 1}", "tip")
+    np.testing.assert_allclose(shift, np.tile([0.7, -0.3, 1.1], (len(plain.t), 1)), atol=1e-8)
+    assert np.abs(shifted["balance"]).max() <= 1e-8 * shifted["kinetic"].max()
 
 
 def test_a_link_anywhere_along_another_keeps_momentum() -> None:
