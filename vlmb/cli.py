@@ -99,13 +99,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _run(args: argparse.Namespace) -> int:
-    path, times = Path(args.scene), None
+    path, times, t0 = Path(args.scene), None, 0.0
     changes = {key: getattr(args, key) for key in ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain")}
     if path.suffix == ".npz":
         stored = load_trajectory(path)
         if stored.input_names:
             raise VlmbError(f"{path}: this run had a Python control callable, which is not stored; it cannot be replayed")
-        scene = stored.scene.changed(run=stored.run)
+        scene, t0 = stored.scene.changed(run=stored.run), stored.t0
         if stored.status == "finished" and args.duration is None:
             times = stored.t
     else:
@@ -118,7 +118,9 @@ def _run(args: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
         trajectory = _with_progress(
-            lambda progress: simulate(scene, **changes, t_eval=times, progress=progress), run.duration, args.quiet
+            lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0)),
+            run.duration,
+            args.quiet,
         )
     except BaseException:
         for part in made:

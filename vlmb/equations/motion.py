@@ -26,6 +26,7 @@ from vlmb.model.frozen import Remade
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
+from vlmb.scene.names import listed
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,9 @@ class EquationsOfMotion(Remade):
     coordinates: Mapping[str, float]
     rates: Mapping[str, float]  # of every coordinate; chaplygin reads x' alone, speed the part along the ski
     form: str
+
+    def __repr__(self) -> str:
+        return f"<EquationsOfMotion of {self.mechanism.scene.name!r}: form {self.form}; rows {listed(self.names)}>"
 
     @property
     def names(self) -> tuple[str, ...]:

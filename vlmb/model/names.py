@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.coordinates import Coordinate, Layout, segment_of
+from vlmb.scene.names import listed
 
 AXES = "xyz"
 POINTS = ("hinge", "rod_start", "rod_end", "tip")
@@ -24,6 +25,7 @@ ALIASES = {"lower": "xi{}_1", "upper": "xi{}_2", "azimuth": "phi{}", "elevation"
 LETTERS = {"phi": r"\varphi", "phi0": r"\varphi", "psi": r"\psi", "xi": r"\xi"}
 ANGLES = ("phi0", "phi", "psi")
 LISTED = 4000  # names that a message looks through
+SHOWN = 12  # coordinates in a line
 Value = TypeVar("Value")
 
 
@@ -107,10 +109,19 @@ class Names(Collection[str]):
 
     layout: Layout
 
+    def __repr__(self) -> str:
+        return f"<Names: {self.shown}; links {listed(tuple(self.links))}>"
+
     @cached_property
     def coordinates(self) -> tuple[Quantity, ...]:
         """The paper's coordinates: `x y phi0`, then `phi1 psi1 xi1_1 xi1_2`, ..."""
         return tuple(quantity_of(c) for c in self.layout.coordinates)
+
+    @property
+    def shown(self) -> str:
+        """The coordinates in a line, of many the first ones and how many there are."""
+        names = self.layout.names
+        return " ".join(names if len(names) <= SHOWN else (*names[:SHOWN], f"... ({len(names)})"))
 
     @cached_property
     def links(self) -> dict[str, int]:
@@ -240,6 +251,11 @@ def force_along(coordinate: Coordinate) -> str:
     return ("F_" if coordinate.kind in AXES else "M_") + coordinate.name
 
 
+def force_unit(name: str) -> str:
+    """Unit of a generalized force or hinge torque: N along a length, N m about an angle."""
+    return "N" if name[:1] == "F" else "N m"
+
+
 def generalized_forces(layout: Layout) -> dict[str, GeneralizedForce]:
     """List every generalized force a scene may use, by name.
 
@@ -250,7 +266,7 @@ def generalized_forces(layout: Layout) -> dict[str, GeneralizedForce]:
     found: dict[str, GeneralizedForce] = {}
 
     def add(name: str, kind: str, link: int, v: int, coordinate: str) -> None:
-        found[name] = GeneralizedForce(name, kind, link, v, "N" if name[0] == "F" else "N m", coordinate)
+        found[name] = GeneralizedForce(name, kind, link, v, force_unit(name), coordinate)
 
     for at, c in enumerate(layout.coordinates):
         if c.kind == "xi":

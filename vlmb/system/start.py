@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from vlmb.errors import SceneError, SimulationError, SingularError, nearest
 from vlmb.model.coordinates import Layout, State, segment_of
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import counted
+from vlmb.scene.names import listed
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.constraints import Constraint, ConstraintSet, RowValues
 from vlmb.system.frames import LinkFrames
@@ -33,6 +35,7 @@ class RowSet(NamedTuple):
     frames: LinkFrames
     numbers: range  # which rows
     ideal: bool
+    t: float = 0.0  # [s]
 
     @property
     def info(self) -> list[Constraint]:
@@ -50,12 +53,12 @@ class RowSet(NamedTuple):
         return np.array([row.holonomic for row in self.info], dtype=bool)
 
     def at(self, q: Array, v: Array, branch: Sequence[float]) -> RowValues:
-        """Evaluate them at a state, at t = 0."""
+        """Evaluate them at a state."""
         self.frames.update(q)
-        return self.rows.evaluate(self.frames, 0.0, q, v, branch, self.numbers)
+        return self.rows.evaluate(self.frames, self.t, q, v, branch, self.numbers)
 
     def values(self, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
-        """Evaluate them at a posture given by names, at t = 0."""
+        """Evaluate them at a posture given by names."""
         q, v = self.frames.mechanism.state(coordinates, rates)
         return self.at(q, v, [coordinates[name] for name in self.frames.layout.names])
 
@@ -68,10 +71,15 @@ class Start(NamedTuple):
     rates: dict[str, float]
     adjustments: tuple[str, ...]  # what was moved or filled in, in sentences
     rank: int  # of the ideal constraints, on what may move
+    followed: frozenset[str] = frozenset()  # coordinates that follow a law of time
+
+    def __repr__(self) -> str:
+        values = [f"{name} = {value:.6g}" for name, value in {**self.coordinates, **self.rates}.items() if value]
+        return f"<Start: {listed(values) or 'all 0'}; {counted(len(self.adjustments), 'adjustment')}>"
 
 
-def consistent_start(system: System) -> Start:
-    """Complete and repair the scene's `[start]`.
+def consistent_start(system: System, t0: float = 0.0) -> Start:
+    """Complete and repair the scene's `[start]`, at the time t0 [s].
 
     Unset: phi 0, psi pi/2, xi the segment's length, rates 0, then moved as little as needed for the constraints and the
     programme to hold. Ideal constraints must hold: where they cannot, given values are repaired too. A programme may start
@@ -91,12 +99,12 @@ def consistent_start(system: System) -> Start:
         coordinates[coordinate.name] = given.get(coordinate.name, default)
     rates = {f"{name}_dot": given.get(f"{name}_dot", 0.0) for name in layout.names}
     for at in system.prescribed:
-        jet = at.law.jet(0.0)
+        jet = at.law.jet(t0)
         if not all(map(math.isfinite, jet)):
-            raise SceneError(f"{at.name}: the law {at.law.text!r} has no finite value, rate and acceleration at t = 0")
+            raise SceneError(f"{at.name}: the law {at.law.text!r} has no finite value, rate and acceleration at t = {t0:g} s")
         coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
     _refuse_outside_limits(mechanism, coordinates)
-    sets = row_sets(system)
+    sets = row_sets(system, t0)
     _share_azimuths(mechanism, coordinates, sets)
     adjustments = _meet_positions(mechanism, followed, coordinates, sets)
     adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
@@ -105,7 +113,7 @@ def consistent_start(system: System) -> Start:
     rank = max((_rank(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)
     if rank < count:
         adjustments.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
-    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(adjustments), rank)
+    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(adjustments), rank, frozenset(followed))
 
 
 def given_values(mechanism: Mechanism) -> dict[str, float]:
@@ -127,14 +135,14 @@ def _share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: l
                 coordinates[name] = coordinates[other]
 
 
-def row_sets(system: System) -> list[RowSet]:
-    """Return the rows of a scene that a start is to meet: the ideal ones, then those of its programme."""
+def row_sets(system: System, t: float = 0.0) -> list[RowSet]:
+    """Return the rows of a scene that a start at t [s] is to meet: the ideal ones, then those of its programme."""
     scene, frames = system.mechanism.scene, LinkFrames(system.mechanism)
     ideal, servo = len(scene.constraints), len(scene.programme.constraints) if scene.programme else 0
     rows = system.constraints
     if rows is None:
         return []
-    made = [RowSet(rows, frames, range(ideal), True), RowSet(rows, frames, range(ideal, ideal + servo), False)]
+    made = [RowSet(rows, frames, range(ideal), True, t), RowSet(rows, frames, range(ideal, ideal + servo), False, t)]
     return [entry for entry in made if entry.numbers]
 
 
