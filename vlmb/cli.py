@@ -22,9 +22,10 @@ from vlmb.model.mechanism import build
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
+from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.methods import METHODS
 from vlmb.simulation.simulate import Checked, check, run_options, simulate
-from vlmb.simulation.trajectory import Trajectory, load_trajectory
+from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies import bench
 from vlmb.studies.work_precision import measure
 from vlmb.system.start import consistent_start

@@ -17,13 +17,13 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
+import vlmb.simulation.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from vlmb.simulation.integrate import METHODS
 
 import vlmb
-import vlmb.simulation.integrate
 from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, bent, link, scene, table, write_toml
-from vlmb.simulation.integrate import METHODS
 from vlmb.simulation.simulate import check, run_options
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system

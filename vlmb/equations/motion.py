@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from vlmb.equations.blocks import HEADING_PRODUCT, Blocks, Coefficients, Kinds, coefficients, mass_matrix
 from vlmb.equations.solver import LinearSystem, Solution, condition_number, solve
 from vlmb.errors import SceneError, finite, nearest
-from vlmb.model.coordinates import Layout
 from vlmb.model.frozen import Remade
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import TypeVar
 
 from vlmb.errors import SceneError, nearest
-from vlmb.model.coordinates import Coordinate, Layout, segment_of
+from vlmb.model.layout import Coordinate, Layout, segment_of
 from vlmb.scene.names import listed
 
 AXES = "xyz"

@@ -17,7 +17,8 @@ from vlmb.model.names import DOT
 from vlmb.model.reading import Postures
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene
-from vlmb.system.start import HELD, Start
+from vlmb.system.start import Start
+from vlmb.system.start_rows import HELD
 
 Array = NDArray[np.float64]
 

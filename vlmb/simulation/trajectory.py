@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 import scipy
@@ -19,7 +18,7 @@ from vlmb._version import __version__
 from vlmb.errors import TrajectoryError, nearest
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade, read_only
-from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import POINTS
 from vlmb.model.reading import Postures
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
@@ -31,9 +30,9 @@ from vlmb.simulation.columns import columns, to_pandas, to_xarray
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along
 from vlmb.simulation.loop import Loop
-from vlmb.simulation.motion import Motion, state_size, unit_directions
+from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
-from vlmb.simulation.storage import checked_path, read_arrays, write_arrays, write_columns
+from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.pinocchio_engine import PinocchioEngine
@@ -43,7 +42,6 @@ from vlmb.system.system import System, make_system
 Array = NDArray[np.float64]
 
 ARRAYS = {"t": "t", "states": "states", "inputs": "asked", "branch": "reference"}  # and their names in a file
-OLD = ("t", "q", "v", "work", "asked", "reference")  # names in files of format 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,48 +292,3 @@ def versions() -> dict[str, str]:
         "vlmb": __version__, "pinocchio": pin.__version__, "numpy": np.__version__, "scipy": scipy.__version__,
         "python": platform.python_version(),
     }  # fmt: skip
-
-
-def load_trajectory(path: str | Path) -> Trajectory:
-    """Read a stored trajectory. It is data: nothing in it is run.
-
-    Raises TrajectoryError for a file that is missing, damaged or foreign.
-    """
-    note, stored = read_arrays(path, {1: OLD, 2: tuple(ARRAYS.values())})
-    if "states" not in stored:
-        try:
-            stored["states"] = np.hstack([stored[name] for name in ("q", "v", "work")])
-        except ValueError as error:
-            raise TrajectoryError(f"{path}: q, v and work are damaged: {error}") from None
-    arrays = {name: stored[key] for name, key in ARRAYS.items()}
-    try:
-        scene = Scene.from_dict(note["scene"], f"{path}: scene")
-        run = msgspec.convert(note["run"], Run)
-        status, message = str(note["status"]), str(note["message"])
-        names, adjustments = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
-        stats, made_with, engine = dict(note["stats"]), dict(note["versions"]), str(note.get("engine", "pinocchio"))
-        t0 = float(note.get("t0", 0.0))
-    except (KeyError, TypeError, ValueError) as error:
-        raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
-    system = make_system(build(scene), run, inputs=names or None)
-    layout, samples = system.mechanism.layout, arrays["t"].size
-    branches = len(arrays["branch"]) if len(arrays["branch"]) == 1 else samples
-    shapes = {
-        "t": (samples,), "states": (samples, state_size(system, engine)), "inputs": (samples, len(names)),
-        "branch": (branches, len(layout.names)),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        bad = ~np.isfinite(arrays[name]) & ~(np.isnan(arrays[name]) & (name == "inputs"))  # not known: nan
-        if arrays[name].shape != shape or bad.any():
-            what = f"shape {arrays[name].shape} where its scene needs {shape}, finite"
-            raise TrajectoryError(f"{path}: {ARRAYS[name]} is damaged: {what}")
-    if not samples or (np.diff(arrays["t"]) <= 0.0).any() or not -np.inf < t0 <= arrays["t"][0]:
-        raise TrajectoryError(f"{path}: t is damaged: times must ascend from that of the start")
-    if not unit_directions(system, engine, arrays["states"]):
-        raise TrajectoryError(f"{path}: its states are damaged: directions do not have length 1")
-    t, states, inputs, branch = (arrays[name] for name in ARRAYS)
-    made = Trajectory(
-        system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, stats, made_with, t0
-    )
-    made.__dict__["system"] = system
-    return made

@@ -18,7 +18,7 @@ from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.springs import AngleSprings
 from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
-from vlmb.model.coordinates import segment_of
+from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.model.quantities import QuantityTable

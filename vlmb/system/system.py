@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
-from vlmb.model.coordinates import SegmentIndex, State
+from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
@@ -68,7 +68,7 @@ class System:
     programme: ProgrammePlan | None
 
     def __repr__(self) -> str:
-        parts = [f"route {self.route}, knife edge {self.knife_edge}"]
+        parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
         for what, names in (
             ("forces", [channel.name for channel in self.forces.channels]),
             ("prescribed", [at.name for at in self.prescribed]),

@@ -8,7 +8,7 @@ import io
 from collections.abc import Sequence
 
 from vlmb.errors import VlmbError
-from vlmb.model.coordinates import Coordinate
+from vlmb.model.layout import Coordinate
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted, quantity_of
 from vlmb.simulation.simulate import check
