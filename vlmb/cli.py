@@ -168,6 +168,8 @@ def _info(args: argparse.Namespace) -> int:
     layout, free = mechanism.layout, Checked(mechanism, consistent_start(make_system(mechanism))).degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
+    for quantity in mechanism.names.coordinates:
+        print(f"    {quantity.name:<20s} {quantity.unit:<4s} {mechanism.names.meaning(quantity)}")
     print(f"  degrees of freedom  {free}")
     memory = data_bytes(layout.nv) / 2**20
     print(f"  state               {layout.nq} positions, {layout.nv} velocities; pinocchio.Data {memory:.2g} MiB")
@@ -205,7 +207,7 @@ def _matrices_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="scene file (.toml)")
     parser.add_argument(
         "--at", action="append", nargs="+", metavar="NAME=VALUE", default=[],
-        help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 phi1_dot=0.5 speed=8 [m, rad, s]",
+        help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 legs.azimuth_dot=0.5 speed=8 [m, rad, s]",
     )  # fmt: skip
     parser.add_argument(
         "--block", action="append", nargs="+", metavar="NAME", default=[],

@@ -581,7 +581,7 @@ def test_notebooks_show_a_trajectory(skier: Trajectory) -> None:
     rows = {row[0]: row for row in cells(shown)}
     assert tuple(rows) == skier.mechanism.coordinate_names
     values = skier["xi1_1"]
-    assert rows["xi1_1"][1:3] == ["length of legs, lower", "m"]
+    assert rows["xi1_1"][1:3] == ["legs.lower", "m"]
     found = [float(number) for number in rows["xi1_1"][3:]]
     np.testing.assert_allclose(found, [values[0], values.min(), values.max(), values[-1]], rtol=1e-3)
     shown = f"<Trajectory of 'skier': {len(skier)} samples, finished at t = 0.5 s; x y phi0 phi1 psi1 xi1_1 xi1_2; reactions "

@@ -21,7 +21,8 @@ from vlmb.scene.names import listed
 AXES = "xyz"
 POINTS = ("hinge", "rod_start", "rod_end", "tip")
 DOT = "_dot"
-ALIASES = {"lower": "xi{}_1", "upper": "xi{}_2", "azimuth": "phi{}", "elevation": "psi{}"}  # of a link's coordinates
+ALIASES = {"lower": ("xi", 1), "upper": ("xi", 2), "azimuth": ("phi", 0), "elevation": ("psi", 0)}  # kind and segment
+PLACES = {"phi0": "heading", **dict.fromkeys(AXES, "place")}  # what a coordinate of the base is
 LETTERS = {"phi": r"\varphi", "phi0": r"\varphi", "psi": r"\psi", "xi": r"\xi"}
 ANGLES = ("phi0", "phi", "psi")
 LISTED = 4000  # names that a message looks through
@@ -146,6 +147,20 @@ class Names(Collection[str]):
             raise SceneError(f"{where}{': ' if where else ''}unknown name {name!r:.80}; {self.hint(name)}")
         return found
 
+    @cached_property
+    def _own(self) -> tuple[tuple[Coordinate, ...], ...]:
+        """Coordinates of each link."""
+        found: list[list[Coordinate]] = [[] for _ in self.layout.links]
+        for c in self.layout.coordinates:
+            if c.link >= 0:
+                found[c.link].append(c)
+        return tuple(map(tuple, found))
+
+    def meaning(self, quantity: Quantity) -> str:
+        """Return the other name of a link's coordinate or rate, `legs.lower`; what a base's is, `heading`."""
+        alias = next((name for name, what in ALIASES.items() if what == (quantity.kind, quantity.segment)), "")
+        return f"{self.layout.links[quantity.link].name}.{alias}{DOT * quantity.rate}" if alias else PLACES.get(quantity.kind, "")
+
     def canonical(self, given: Mapping[str, Value], where: str) -> dict[str, Value]:
         """Return values by name with aliases replaced by the coordinates and rates they stand for; unknown names stay.
 
@@ -228,8 +243,8 @@ class Names(Collection[str]):
         if i is None:
             return None
         if rest in ALIASES:
-            coordinate = ALIASES[rest].format(i + 1)
-            return self._find(coordinate + DOT * rate) if coordinate in self.layout.index else None
+            kind, segment = ALIASES[rest]
+            return next((quantity_of(c, rate) for c in self._own[i] if (c.kind, c.segment) == (kind, segment)), None)
         if rest == "length":
             return Quantity(name, "length", i, rate=rate)
         what, _, axis = rest.partition(".")
