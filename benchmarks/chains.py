@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import vlmb
 from vlmb.core import tree as t
 from vlmb.core.tree import Tree
-from vlmb.model.coordinates import Layout
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism
 
 Array = NDArray[Any]

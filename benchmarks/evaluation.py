@@ -25,12 +25,12 @@ import numba
 import numpy as np
 import pinocchio as pin
 from chains import BASES, LEG, LONG, MASS, ROD, TIP, Array, chain, core_chain, largest_error, posture, reference
+from vlmb.model.long_chains import LONG_CHAIN
 
 import vlmb
 from vlmb.core.links import accelerate, respond
 from vlmb.core.scratch import Scratch, make_scratch
 from vlmb.core.tree import VELOCITIES, Tree
-from vlmb.model.long_chains import LONG_CHAIN
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import data_bytes, make_data
 from vlmb.system.system import make_system

@@ -277,6 +277,8 @@ def test_info(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     for part in (
         "a skier: ski base, 2 links, 15 kg", "x y phi0 phi1 psi1 xi1_2 phi2 psi2 xi2_1 xi2_2", "degrees of freedom  9",
+        "    x                    m    place\n", "    phi0                 rad  heading\n",
+        "    xi1_2                m    legs.upper\n",
         "xi1_1, the lower segment of 'legs': fixed at 0.2 m", "Spherical", "Planar", "trunk.lower",
     ):  # fmt: skip
         assert part in text

@@ -18,7 +18,10 @@ import vlmb
 from tests.page_runner import agree, blocks_of, commands_of
 from vlmb.views.plots import PLOTS
 
-for package in ("mkdocs", "mkdocstrings", "material", "math_core", "nbclient", "nbformat", "ipykernel", "PIL", "meshcat"):
+NEEDED = (
+    "mkdocs", "mkdocstrings", "material", "math_core", "nbclient", "nbformat", "ipykernel", "PIL", "meshcat", "pandas", "xarray",
+)  # fmt: skip
+for package in NEEDED:
     pytest.importorskip(package, reason=f"{package} is not installed, so the site cannot be built")
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -7,13 +7,14 @@ from vlmb._version import __version__
 from vlmb.equations.accelerations import accelerations
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, TrajectoryError, VlmbError
-from vlmb.model.coordinates import State
 from vlmb.model.display import Displayed
+from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.scene.tables import Base, Force, Link, Programme, Rod, Run, Segment
+from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.simulate import check, simulate
-from vlmb.simulation.trajectory import Trajectory, load_trajectory
+from vlmb.simulation.trajectory import Trajectory
 
 __all__ = [
     "Base",

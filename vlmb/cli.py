@@ -22,9 +22,10 @@ from vlmb.model.mechanism import build
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
+from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.methods import METHODS
 from vlmb.simulation.simulate import Checked, check, run_options, simulate
-from vlmb.simulation.trajectory import Trajectory, load_trajectory
+from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies import bench
 from vlmb.studies.work_precision import measure
 from vlmb.system.start import consistent_start
@@ -99,13 +100,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _run(args: argparse.Namespace) -> int:
-    path, times = Path(args.scene), None
+    path, times, t0 = Path(args.scene), None, 0.0
     changes = {key: getattr(args, key) for key in ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain")}
     if path.suffix == ".npz":
         stored = load_trajectory(path)
         if stored.input_names:
             raise VlmbError(f"{path}: this run had a Python control callable, which is not stored; it cannot be replayed")
-        scene = stored.scene.changed(run=stored.run)
+        scene, t0 = stored.scene.changed(run=stored.run), stored.t0
         if stored.status == "finished" and args.duration is None:
             times = stored.t
     else:
@@ -118,7 +119,9 @@ def _run(args: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
         trajectory = _with_progress(
-            lambda progress: simulate(scene, **changes, t_eval=times, progress=progress), run.duration, args.quiet
+            lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0)),
+            run.duration,
+            args.quiet,
         )
     except BaseException:
         for part in made:
@@ -165,6 +168,8 @@ def _info(args: argparse.Namespace) -> int:
     layout, free = mechanism.layout, Checked(mechanism, consistent_start(make_system(mechanism))).degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
+    for quantity in mechanism.names.coordinates:
+        print(f"    {quantity.name:<20s} {quantity.unit:<4s} {mechanism.names.meaning(quantity)}")
     print(f"  degrees of freedom  {free}")
     memory = data_bytes(layout.nv) / 2**20
     print(f"  state               {layout.nq} positions, {layout.nv} velocities; pinocchio.Data {memory:.2g} MiB")
@@ -202,7 +207,7 @@ def _matrices_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="scene file (.toml)")
     parser.add_argument(
         "--at", action="append", nargs="+", metavar="NAME=VALUE", default=[],
-        help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 phi1_dot=0.5 speed=8 [m, rad, s]",
+        help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 legs.azimuth_dot=0.5 speed=8 [m, rad, s]",
     )  # fmt: skip
     parser.add_argument(
         "--block", action="append", nargs="+", metavar="NAME", default=[],

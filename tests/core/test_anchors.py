@@ -18,7 +18,7 @@ from vlmb.core.links import accelerate
 from vlmb.core.quantities import add_row, measure
 from vlmb.core.scratch import make_scratch
 from vlmb.model.arrays import make_arrays
-from vlmb.model.coordinates import segment_of
+from vlmb.model.layout import segment_of
 from vlmb.model.memory import make_data
 from vlmb.model.quantities import QuantityTable
 

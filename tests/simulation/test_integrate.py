@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from vlmb.simulation.integrate import METHODS, find_method
 
 import vlmb
 from tests.small_scenes import FLYING, PIVOT, SKI, bent, link, scene
-from vlmb.simulation.integrate import METHODS, find_method
 
 Array = np.ndarray
 FIXED_STEP = [name for name, method in METHODS.items() if not method.adaptive]

@@ -17,13 +17,13 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
+import vlmb.simulation.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from vlmb.simulation.integrate import METHODS
 
 import vlmb
-import vlmb.simulation.integrate
 from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, bent, link, scene, table, write_toml
-from vlmb.simulation.integrate import METHODS
 from vlmb.simulation.simulate import check, run_options
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
@@ -837,18 +837,18 @@ def test_columns_of_numbers(skier: vlmb.Trajectory, tmp_path: Path) -> None:
     path = skier.save_csv(tmp_path / "run.csv")
     with path.open(encoding="utf-8", newline="") as file:
         header, *rows = list(csv.reader(file))
-    assert header[0] == "t"
-    assert (
-        header[: 1 + 2 * 10]
-        == ["t", *skier.mechanism.coordinate_names, *(f"{n}_dot" for n in skier.mechanism.coordinate_names)][: 1 + 2 * 10]
-    )
-    assert {"speed", "energy", "balance", "M_psi1", "F1_2", "knife_edge", "normal"} <= set(header)
+    units = ["m", "m", *["rad"] * 3, "m", "m", *["rad"] * 2, "m", "m"]
+    coordinates = [f"{name} [{unit}]" for name, unit in zip(skier.mechanism.coordinate_names, units, strict=False)]
+    rates = [entry.replace(" [", "_dot [").replace("]", "/s]") for entry in coordinates]
+    assert header[: 1 + 2 * len(coordinates)] == ["t [s]", *coordinates, *rates]
+    others = {"speed [m/s]", "energy [J]", "balance [J]", "M_psi1 [N m]", "F1_2 [N]", "knife_edge [N]", "normal [N]"}
+    assert others | {"roll_moment [N m]", "residual_dot:knife_edge [m/s]"} <= set(header)
     assert len(header) == len(set(header))
     values = np.array(rows, dtype=float)
     assert values.shape == (len(skier), len(header))
-    for name in ("t", "psi2", "energy"):
-        assert np.array_equal(values[:, header.index(name)], skier[name])
-    assert np.array_equal(values[:, header.index("knife_edge")], skier.reactions["knife_edge"])
+    for name, unit in (("t", "s"), ("psi2", "rad"), ("energy", "J")):
+        assert np.array_equal(values[:, header.index(f"{name} [{unit}]")], skier[name])
+    assert np.array_equal(values[:, header.index("knife_edge [N]")], skier.reactions["knife_edge"])
 
 
 @pytest.fixture(scope="module")

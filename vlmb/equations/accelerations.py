@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from vlmb.equations.motion import all_rates, complete_posture
 from vlmb.errors import SceneError, SingularError, finite
-from vlmb.model.coordinates import POLE, Layout
+from vlmb.model.coordinates import POLE
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap

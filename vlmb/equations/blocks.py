@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import Layout
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.velocity_map import VelocityMap
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import SceneError, nearest
-from vlmb.model.coordinates import Layout
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import build
 from vlmb.model.names import tex_of
 from vlmb.scene.scene import Scene

@@ -21,11 +21,12 @@ from numpy.typing import ArrayLike, NDArray
 from vlmb.equations.blocks import HEADING_PRODUCT, Blocks, Coefficients, Kinds, coefficients, mass_matrix
 from vlmb.equations.solver import LinearSystem, Solution, condition_number, solve
 from vlmb.errors import SceneError, finite, nearest
-from vlmb.model.coordinates import Layout
 from vlmb.model.frozen import Remade
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
+from vlmb.scene.names import listed
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,9 @@ class EquationsOfMotion(Remade):
     coordinates: Mapping[str, float]
     rates: Mapping[str, float]  # of every coordinate; chaplygin reads x' alone, speed the part along the ski
     form: str
+
+    def __repr__(self) -> str:
+        return f"<EquationsOfMotion of {self.mechanism.scene.name!r}: form {self.form}; rows {listed(self.names)}>"
 
     @property
     def names(self) -> tuple[str, ...]:

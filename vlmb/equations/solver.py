@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, finite, nearest
-from vlmb.model.coordinates import Layout, segment_of
+from vlmb.model.layout import Layout, segment_of
 from vlmb.model.names import force_along
 
 Array = NDArray[np.float64]

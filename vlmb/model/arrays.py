@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from vlmb.core import tree as columns
 from vlmb.core.tree import Tree
-from vlmb.model.coordinates import Layout, LinkIndex, kinematics
+from vlmb.model.coordinates import kinematics
+from vlmb.model.layout import Layout, LinkIndex
 from vlmb.model.reading import Postures
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Link, Segment

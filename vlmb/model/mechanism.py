@@ -18,10 +18,10 @@ import pinocchio as pin
 
 from vlmb.errors import SceneError
 from vlmb.model import coordinates as chart
-from vlmb.model.coordinates import Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade
-from vlmb.model.names import POINTS, Names
+from vlmb.model.layout import BASE_COORDINATES, Coordinate, Layout, LinkIndex, SegmentIndex, State
+from vlmb.model.names import POINTS, Names, counted
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate, parse
 from vlmb.scene.places import on_rod
@@ -44,7 +44,9 @@ class Mechanism(Remade, Displayed):
     warnings: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return f"<Mechanism of {self.scene.name!r}: {' '.join(self.coordinate_names)}>"
+        parts = [f"{self.scene.base.kind} base", self.names.shown]
+        parts += [f"{counted(len(self.warnings), 'warning')}"] if self.warnings else []
+        return f"<Mechanism of {self.scene.name!r}: {'; '.join(parts)}>"
 
     def __hash__(self) -> int:
         return hash(self.scene)
@@ -144,7 +146,7 @@ class _Builder:
     def layout(self) -> Layout:
         links = tuple(self.links[i] for i in range(len(self.links)))
         plane = self.scene.plane
-        base = chart.BASE_COORDINATES[self.scene.base.kind]
+        base = BASE_COORDINATES[self.scene.base.kind]
         if self.scene.base.kind == "free" and plane:
             base = ("x", "z")
         coordinates = [Coordinate(name, name, -1) for name in base]

@@ -15,15 +15,18 @@ from functools import cached_property
 from typing import TypeVar
 
 from vlmb.errors import SceneError, nearest
-from vlmb.model.coordinates import Coordinate, Layout, segment_of
+from vlmb.model.layout import Coordinate, Layout, segment_of
+from vlmb.scene.names import listed
 
 AXES = "xyz"
 POINTS = ("hinge", "rod_start", "rod_end", "tip")
 DOT = "_dot"
-ALIASES = {"lower": "xi{}_1", "upper": "xi{}_2", "azimuth": "phi{}", "elevation": "psi{}"}  # of a link's coordinates
+ALIASES = {"lower": ("xi", 1), "upper": ("xi", 2), "azimuth": ("phi", 0), "elevation": ("psi", 0)}  # kind and segment
+PLACES = {"phi0": "heading", **dict.fromkeys(AXES, "place")}  # what a coordinate of the base is
 LETTERS = {"phi": r"\varphi", "phi0": r"\varphi", "psi": r"\psi", "xi": r"\xi"}
 ANGLES = ("phi0", "phi", "psi")
 LISTED = 4000  # names that a message looks through
+SHOWN = 12  # coordinates in a line
 Value = TypeVar("Value")
 
 
@@ -107,10 +110,19 @@ class Names(Collection[str]):
 
     layout: Layout
 
+    def __repr__(self) -> str:
+        return f"<Names: {self.shown}; links {listed(tuple(self.links))}>"
+
     @cached_property
     def coordinates(self) -> tuple[Quantity, ...]:
         """The paper's coordinates: `x y phi0`, then `phi1 psi1 xi1_1 xi1_2`, ..."""
         return tuple(quantity_of(c) for c in self.layout.coordinates)
+
+    @property
+    def shown(self) -> str:
+        """The coordinates in a line, of many the first ones and how many there are."""
+        names = self.layout.names
+        return " ".join(names if len(names) <= SHOWN else (*names[:SHOWN], f"... ({len(names)})"))
 
     @cached_property
     def links(self) -> dict[str, int]:
@@ -134,6 +146,20 @@ class Names(Collection[str]):
         if found is None:
             raise SceneError(f"{where}{': ' if where else ''}unknown name {name!r:.80}; {self.hint(name)}")
         return found
+
+    @cached_property
+    def _own(self) -> tuple[tuple[Coordinate, ...], ...]:
+        """Coordinates of each link."""
+        found: list[list[Coordinate]] = [[] for _ in self.layout.links]
+        for c in self.layout.coordinates:
+            if c.link >= 0:
+                found[c.link].append(c)
+        return tuple(map(tuple, found))
+
+    def meaning(self, quantity: Quantity) -> str:
+        """Return the other name of a link's coordinate or rate, `legs.lower`; what a base's is, `heading`."""
+        alias = next((name for name, what in ALIASES.items() if what == (quantity.kind, quantity.segment)), "")
+        return f"{self.layout.links[quantity.link].name}.{alias}{DOT * quantity.rate}" if alias else PLACES.get(quantity.kind, "")
 
     def canonical(self, given: Mapping[str, Value], where: str) -> dict[str, Value]:
         """Return values by name with aliases replaced by the coordinates and rates they stand for; unknown names stay.
@@ -217,8 +243,8 @@ class Names(Collection[str]):
         if i is None:
             return None
         if rest in ALIASES:
-            coordinate = ALIASES[rest].format(i + 1)
-            return self._find(coordinate + DOT * rate) if coordinate in self.layout.index else None
+            kind, segment = ALIASES[rest]
+            return next((quantity_of(c, rate) for c in self._own[i] if (c.kind, c.segment) == (kind, segment)), None)
         if rest == "length":
             return Quantity(name, "length", i, rate=rate)
         what, _, axis = rest.partition(".")
@@ -240,6 +266,11 @@ def force_along(coordinate: Coordinate) -> str:
     return ("F_" if coordinate.kind in AXES else "M_") + coordinate.name
 
 
+def force_unit(name: str) -> str:
+    """Unit of a generalized force or hinge torque: N along a length, N m about an angle."""
+    return "N" if name[:1] == "F" else "N m"
+
+
 def generalized_forces(layout: Layout) -> dict[str, GeneralizedForce]:
     """List every generalized force a scene may use, by name.
 
@@ -250,7 +281,7 @@ def generalized_forces(layout: Layout) -> dict[str, GeneralizedForce]:
     found: dict[str, GeneralizedForce] = {}
 
     def add(name: str, kind: str, link: int, v: int, coordinate: str) -> None:
-        found[name] = GeneralizedForce(name, kind, link, v, "N" if name[0] == "F" else "N m", coordinate)
+        found[name] = GeneralizedForce(name, kind, link, v, force_unit(name), coordinate)
 
     for at, c in enumerate(layout.coordinates):
         if c.kind == "xi":

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import OFF_POLE, Layout, LinkIndex, angle_rates, kinematics, read_angles
+from vlmb.model.coordinates import OFF_POLE, angle_rates, kinematics, read_angles
+from vlmb.model.layout import Layout, LinkIndex
 from vlmb.model.names import AXES, POINTS, Quantity
 from vlmb.scene.scene import Scene
 

@@ -22,7 +22,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import make_state, segment_of
+from vlmb.model.coordinates import make_state
+from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from vlmb.errors import SceneError
 from vlmb.scene.rows import SceneRows
 from vlmb.scene.tables import BASE, Link
 
-OWN = "the base's own"
-SNOW = "that of a force of the snow"
+SNOW = {"knife_edge": "N", "normal": "N", "roll_moment": "N m", "pitch_moment": "N m"}  # forces of the snow on a ski, and units
+ENERGIES = ("kinetic", "potential", "spring", "energy", "work", "dissipated", "balance")  # [J], of a run
+DAMPERS = "dissipation"  # the work state of all that is lost
+OWN, OF_SNOW = "the base's own", "that of a force of the snow"
 RESERVED = {
     BASE: OWN, "ski": OWN, "heading": OWN, "ground": "that of the ground", "com": "that of the whole centre of mass",
-    "speed": "that of the ski's speed", "normal": SNOW, "friction": SNOW, "knife_edge": SNOW, "roll_moment": SNOW,
-    "pitch_moment": SNOW, "impacts": "that of impacts", "t": "that of time", "phase_t": "that of time in a phase",
+    "speed": "that of the ski's speed", **dict.fromkeys((*SNOW, "friction"), OF_SNOW), "impacts": "that of impacts",
+    "t": "that of time", "phase_t": "that of time in a phase",
 }  # fmt: skip
+SHOWN, WIDTH = 6, 32  # names in a list for people, and characters of each
 COORDINATE = r"(x|y|z|phi\d+|psi\d+|xi\d+_[12])(_dot)?"
 FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_\w+"
-REACTION = "knife_edge|normal|friction|roll_moment|pitch_moment|impacts"
-ENERGY = "kinetic|potential|spring|energy|work|dissipated|dissipation|balance"
+REACTION = "|".join((*SNOW, "friction", "impacts"))
+ENERGY = "|".join((*ENERGIES, DAMPERS))
 KINDS = {COORDINATE: "a coordinate", FORCE: "a force", REACTION: "a reaction", ENERGY: "an energy"}
 
 
@@ -59,3 +62,9 @@ def check_names(links: Iterable[Link], rows: SceneRows) -> None:
         if kind and row.name not in RESERVED:
             raise SceneError(f"{row.key}: the row's name {row.name!r} is that of {kind}; choose another")
         take(row.name, row.key, f"{row.key}: the row's name {row.name!r}")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Name some of many: the first few, and how many there are."""
+    shown = [name if len(name) <= WIDTH else f"{name[: WIDTH - 3]}..." for name in names[:SHOWN]]
+    return ", ".join(shown) + (f", ... ({len(names)})" if len(names) > SHOWN else "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from vlmb.errors import SceneError
 from vlmb.scene.complete import complete
 from vlmb.scene.explain import unknown_key
 from vlmb.scene.keys import changed_data
+from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Link, SceneTables
 from vlmb.scene.written import as_written
@@ -25,7 +26,6 @@ else:
     import tomli as tomllib
 
 MAX_FILE_BYTES = 4_000_000
-SHOWN, WIDTH = 6, 32  # links, rows or controls that a repr names, and characters of each
 
 
 class Scene(SceneTables, frozen=True, kw_only=True):
@@ -109,10 +109,10 @@ class Scene(SceneTables, frozen=True, kw_only=True):
     def __repr__(self) -> str:
         rows = rows_of(self)
         links = [f"{link.name} ({self._coordinates_of(link)})" for link in self.links]
-        parts = [f"{self.base.kind} base", *([f"links (coordinates) {_listed(links)}"] if links else [])]
+        parts = [f"{self.base.kind} base", *([f"links (coordinates) {listed(links)}"] if links else [])]
         for what, entries in (("ideal rows", rows.ideal), ("programme", rows.servo), ("secondary", rows.secondary)):
-            parts += [f"{what} {_listed([row.name for row in entries])}"] if entries else []
-        parts += [f"controls {_listed(self.programme.controls)}"] if self.programme else []
+            parts += [f"{what} {listed([row.name for row in entries])}"] if entries else []
+        parts += [f"controls {listed(self.programme.controls)}"] if self.programme else []
         parts += [f"{len(self.forces)} force{'s' * (len(self.forces) > 1)}"] if self.forces else []
         return f"<Scene {self.name!r}: {'; '.join(parts)}>"
 
@@ -173,7 +173,3 @@ def _hashable(value: Any) -> Any:
         return frozenset((name, _hashable(entry)) for name, entry in value.items())
     return tuple(map(_hashable, value)) if isinstance(value, (list, tuple)) else value
 
-
-def _listed(names: Sequence[str]) -> str:
-    shown = [name if len(name) <= WIDTH else f"{name[: WIDTH - 3]}..." for name in names[:SHOWN]]
-    return ", ".join(shown) + (f", ... ({len(names)})" if len(names) > SHOWN else "")

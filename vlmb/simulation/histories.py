@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.model.frozen import read_only
+from vlmb.scene.names import DAMPERS, ENERGIES, SNOW
 from vlmb.simulation.motion import Motion
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
-
-SNOW = ("normal", "roll_moment", "pitch_moment")
-ENERGIES = ("kinetic", "potential", "spring", "energy", "work", "dissipated", "balance")
 
 
 def forces_along(
@@ -36,7 +34,7 @@ def forces_along(
     def unknown(*shape: int) -> Array:
         return np.full((count, *shape), np.nan)
 
-    found: dict[str, Any] = {"reactions": {name: unknown() for name in ("knife_edge", *SNOW, *ideal)}}
+    found: dict[str, Any] = {"reactions": {name: unknown() for name in (*SNOW, *ideal)}}
     found["residuals"] = {name: (unknown(), unknown()) for name in texts}
     found["powers"] = {name: unknown() for name in system.work_names}
     found["controls"] = {name: unknown() for name in system.work_names}
@@ -88,7 +86,7 @@ def energies_along(system: System, motion: Motion, work_by_force: Mapping[str, A
     total = kinetic + potential + spring
     work, lost = np.zeros(len(total)), np.zeros(len(total))
     for name, done in work_by_force.items():
-        if name == "dissipation":
+        if name == DAMPERS:
             lost = done
         else:
             work = work + done

@@ -127,7 +127,7 @@ class Loop:
             slice_size=FIRST_SLICE,
         )  # fmt: skip
         self.driver.point[:] = y
-        self.t, self.last = start, float(times[-1])
+        self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
         self.stop = Event(SWITCH, 0.0, "", "")  # what stopped the last step
@@ -181,7 +181,7 @@ class Loop:
 
     def _stretch(self, end: float) -> str | None:
         """Go to a break, or the end; return a sentence if an event ends the run before."""
-        inside = self.t if self.t in (0.0, end) or not self.breaks else self.t + INSIDE * abs(self.t)
+        inside = self.t if self.t in (self.start, end) or not self.breaks else self.t + INSIDE * abs(self.t)
         until = end if end == self.last else end - INSIDE * abs(end)
         self.engine.accept(self.t, self.driver.point)
         begin(self.driver, min(inside, until), until)

@@ -21,6 +21,7 @@ from vlmb.model.names import counted
 from vlmb.scene.laws import law_breaks, law_jump
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
+from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.system.core_engine import CoreEngine
@@ -48,6 +49,8 @@ def simulate(
     t_eval: Sequence[float] | Array | None = None,
     control: Control | None = None,
     *,
+    start: End | Mapping[str, float] | None = None,
+    t0: float = 0.0,
     atol: float | None = None,
     step: float | None = None,
     gain: float | None = None,
@@ -60,10 +63,12 @@ def simulate(
     Parameters
     ----------
     scene : a Scene, the path of a scene file, a dict with its keys, or a mechanism built from one
-    t_eval : (N,) [s], ascending in [0, duration]; default: evenly spaced
+    t_eval : (N,) [s], ascending in [t0, t0 + duration]; default: evenly spaced
     control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name, read-only.
         Names are those of the first call. It is asked once for every sample, when that is taken, and the answer recorded; after
         the run it is not called again. An exception it raises goes through; the trajectory so far is its `trajectory`
+    start : where to begin: `trajectory.end` of another run, or a dict of coordinates and rates by name over the scene's [start]
+    t0 : [s] time of the start; t, laws and samples run from it
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
     engine : `auto`, `core` (compiled) or `pinocchio`
@@ -82,21 +87,25 @@ def simulate(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
         engine=engine, max_step=max_step,
     )  # fmt: skip
+    times = _sample_times(run, t_eval, t0)
+    if start is not None:
+        mechanism = begun_at(mechanism, start)
     system = make_system(mechanism, run)
-    start = consistent_start(system)
-    branch = [start.coordinates[name] for name in mechanism.layout.names]
+    begin = consistent_start(system, t0)
+    branch = [begin.coordinates[name] for name in mechanism.layout.names]
     if control is not None:
-        first = StateView(mechanism, 0.0, mechanism.postures(start.state), branch, start.state)
+        first = StateView(mechanism, t0, mechanism.postures(begin.state), branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
-    times = _sample_times(run, t_eval)
-    breaks = _breaks(system, run.duration)
+    breaks = _breaks(system, t0, t0 + run.duration)
     began, used = time.perf_counter(), time.thread_time()
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
         mover = make_engine(system, branch, control)
-        y = mover.pack(start.state)
-        start = start._replace(adjustments=(*start.adjustments, *_balanced(system, mover, y, start)))
-        loop = Loop(mover, run, y, times, breaks, 0.0, system.core_plan.step_bounds(0.0, run.duration), progress)
+        y = mover.pack(begin.state)
+        said = jumps(start, begin) if isinstance(start, End) else []
+        begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
+        bounds = system.core_plan.step_bounds(t0, t0 + run.duration)
+        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress)
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {
@@ -106,7 +115,7 @@ def simulate(
                 "steps": loop.steps,
                 "engine": mover.name,
             }
-            return _kept(lambda: Trajectory.from_run(system, mover, loop, start, status, message, stats))
+            return _kept(lambda: Trajectory.from_run(system, mover, loop, begin, t0, status, message, stats))
 
         try:
             status, message = loop.run()
@@ -177,7 +186,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     system = make_system(mechanism)
     start = consistent_start(system)
     branch = [start.coordinates[name] for name in mechanism.layout.names]
-    _breaks(system, scene.run.duration)
+    _breaks(system, 0.0, scene.run.duration)
     engine = make_engine(system, branch)
     engine.evaluate(0.0, engine.pack(start.state))
     if not fits(mechanism.model.nv):
@@ -247,32 +256,36 @@ def _growth(system: System, start: Start) -> float:
     return float(np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max())
 
 
-def _sample_times(run: Run, t_eval: Sequence[float] | Array | None) -> Array:
+def _sample_times(run: Run, t_eval: Sequence[float] | Array | None, t0: float) -> Array:
+    if isinstance(t0, bool) or not isinstance(t0, (int, float)) or not math.isfinite(t0):
+        raise SceneError(f"t0 = {t0!r:.80}: must be the time of the start, a finite number [s]")
+    if t0 + run.duration / run.samples / MIN_SAMPLES == t0:
+        raise SceneError(f"t0 = {t0:g} s: times of a run of {run.duration:g} s cannot be told apart there; begin nearer to 0")
     if run.duration * run.samples > MAX_SAMPLES:
         many = f"run.duration = {run.duration:g} s at run.samples = {run.samples:g} per second"
         raise SceneError(f"{many}: at most {MAX_SAMPLES} samples")
     if t_eval is None:
-        return np.linspace(0.0, run.duration, max(MIN_SAMPLES, int(np.ceil(run.duration * run.samples))) + 1)
+        return np.linspace(t0, t0 + run.duration, max(MIN_SAMPLES, int(np.ceil(run.duration * run.samples))) + 1)
     try:
         times = np.array(t_eval, dtype=float)
     except (TypeError, ValueError):
         raise SceneError(f"t_eval = {t_eval!r}: must be a list of times [s]") from None
     if times.ndim != 1 or not len(times) or not np.isfinite(times).all():
         raise SceneError("t_eval: must be a non-empty list of finite times [s]")
-    if (np.diff(times) <= 0.0).any() or times[0] < 0.0 or times[-1] > run.duration * (1 + 1e-12):
-        raise SceneError(f"t_eval: times must ascend within [0, {run.duration:g}] s")
+    if (np.diff(times) <= 0.0).any() or times[0] < t0 or times[-1] > t0 + run.duration + 1e-12 * (abs(t0) + run.duration):
+        raise SceneError(f"t_eval: times must ascend within [{t0:g}, {t0 + run.duration:g}] s")
     return times
 
 
-def _breaks(system: System, duration: float) -> tuple[float, ...]:
-    """Times at which a law is not smooth; SceneError where a prescribed length jumps, or leaves its limits."""
+def _breaks(system: System, t0: float, end: float) -> tuple[float, ...]:
+    """Times in (t0, end) at which a law is not smooth; SceneError where a prescribed length jumps, or leaves its limits."""
     mechanism = system.mechanism
     breaks: set[float] = set()
     for law in system.forces.laws:
-        breaks |= set(law_breaks(law, 0.0, duration))
+        breaks |= set(law_breaks(law, t0, end))
     coordinates = {c.name: c for c in mechanism.layout.coordinates}
     for at in system.prescribed:
-        for t in law_breaks(at.law, 0.0, duration):
+        for t in law_breaks(at.law, t0, end):
             value, rate = law_jump(at.law, t)
             if abs(value) > 1e-7 or abs(rate) > 1e-4:
                 raise SceneError(
@@ -281,7 +294,7 @@ def _breaks(system: System, duration: float) -> tuple[float, ...]:
                 )
             breaks.add(t)
         low, high = mechanism.segment(coordinates[at.name]).bounds
-        for t in np.linspace(0.0, duration, 1001).tolist():
+        for t in np.linspace(t0, end, 1001).tolist():
             length = at.law.value(t)
             if not low <= length <= high:
                 raise SceneError(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
+from vlmb.simulation.named import largest
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,8 @@ class Told(Protocol):
     def scene(self) -> Any: ...  # noqa: D102
     @property
     def t(self) -> Array: ...  # noqa: D102
+    @property
+    def t0(self) -> float: ...  # noqa: D102
     @property
     def run(self) -> Any: ...  # noqa: D102
     @property
@@ -45,28 +48,28 @@ class Told(Protocol):
 
 def summarize(trajectory: Told, programme: str) -> str:
     """Return what a user wants to know of a run in a few lines; `programme` says how stable one is."""
-    run, wall = trajectory.run, max(trajectory.stats["wall_time"], 1e-9)
+    run, wall, lasted = trajectory.run, max(trajectory.stats["wall_time"], 1e-9), float(trajectory.t[-1]) - trajectory.t0
     fixed = not find_method(run.method).adaptive
     options = f"step {run.step or DEFAULT_STEP:g} s" if fixed else f"rtol {run.rtol:g}, atol {run.atol:g}"
     off = float(np.abs(trajectory["balance"]).max())
     share = off / max(float(trajectory["kinetic"].max()), 1e-300)
     lines = [
         f"{'FAILED  ' if trajectory.status == 'failed' else ''}{trajectory.scene.name}: {trajectory.message}",
-        f"  simulated        {trajectory.t[-1]:.6g} s in {wall:.3g} s ({trajectory.t[-1] / wall:.3g} times real time)",
+        f"  simulated        {lasted:.6g} s in {wall:.3g} s ({lasted / wall:.3g} times real time)",
         f"  method           {run.method} ({options}), {trajectory.stats['steps']} steps, "
         f"{trajectory.stats['rhs_evaluations']} right-hand sides",
         f"  energy balance   {off:.2e} J ({share:.1e} of the largest kinetic energy)",
     ]
     for name in trajectory.residuals:
         residual = trajectory.residuals[name]
-        position = "" if residual.position is None else f"{_largest(residual.position):.2e}, "
+        position = "" if residual.position is None else f"{largest(residual.position):.2e}, "
         unit = "m/s" if name == "knife_edge" else "/s"
-        lines.append(f"  residual         {name}: {position}{_largest(residual.velocity):.2e} {unit}")
+        lines.append(f"  residual         {name}: {position}{largest(residual.velocity):.2e} {unit}")
     if programme:
         lines.append(f"  programme        {programme}")
     if "knife_edge" in trajectory.reactions:
         edge, normal = trajectory.reactions["knife_edge"], trajectory.reactions["normal"]
-        lines.append(f"  edge force       up to {_largest(edge):.4g} N")
+        lines.append(f"  edge force       up to {largest(edge):.4g} N")
         lines.append(f"  normal force     {np.fmin.reduce(normal):.4g} to {np.fmax.reduce(normal):.4g} N")
         if np.fmin.reduce(normal) < 0.0:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
@@ -75,16 +78,11 @@ def summarize(trajectory: Told, programme: str) -> str:
         values = trajectory.controls[name]
         power = trajectory.power(name)
         lines.append(
-            f"  control          {name}: up to {_largest(values):.4g}, power {_largest(power):.4g} W at most and "
+            f"  control          {name}: up to {largest(values):.4g}, power {largest(power):.4g} W at most and "
             f"{_average(power):.4g} W on average, work {trajectory.work_by_force[name][-1]:.4g} J"
         )
     lines += [f"  note             {adjustment}" for adjustment in trajectory.adjustments]
     return "\n".join(lines)
-
-
-def _largest(values: Array) -> float:
-    """Largest size among the values that are known; nan where none is."""
-    return float(np.fmax.reduce(np.abs(values)))
 
 
 def _average(values: Array) -> float:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 import scipy
@@ -19,17 +18,21 @@ from vlmb._version import __version__
 from vlmb.errors import TrajectoryError, nearest
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade, read_only
-from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import POINTS
 from vlmb.model.reading import Postures
+from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.scene.written import as_numbers
-from vlmb.simulation.histories import ENERGIES, SNOW, energies_along, forces_along
+from vlmb.simulation.columns import columns, to_pandas, to_xarray
+from vlmb.simulation.end import End, end_of
+from vlmb.simulation.histories import energies_along, forces_along
 from vlmb.simulation.loop import Loop
-from vlmb.simulation.motion import Motion, state_size, unit_directions
-from vlmb.simulation.storage import checked_path, read_arrays, write_arrays, write_columns
+from vlmb.simulation.motion import Motion
+from vlmb.simulation.named import Named, Residual
+from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.pinocchio_engine import PinocchioEngine
@@ -39,44 +42,6 @@ from vlmb.system.system import System, make_system
 Array = NDArray[np.float64]
 
 ARRAYS = {"t": "t", "states": "states", "inputs": "asked", "branch": "reference"}  # and their names in a file
-OLD = ("t", "q", "v", "work", "asked", "reference")  # names in files of format 1
-
-
-@dataclass(frozen=True, eq=False)
-class Residual:
-    """Error of a constraint along a motion: `position, velocity = residual`, or by name."""
-
-    position: Array | None  # (N,) of its equation; None where it has a rate alone
-    velocity: Array  # (N,) of its rate
-    equation: str = ""  # its text; none for the knife edge
-
-    def __iter__(self) -> Iterator[Array | None]:
-        return iter((self.position, self.velocity))
-
-
-class _Named(Mapping[str, Any]):
-    """A mapping whose values are computed at the first look, and whose missing names are explained."""
-
-    def __init__(self, what: str, names: tuple[str, ...], compute: Any) -> None:
-        self.what, self.names, self.compute = what, names, compute
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self.names:
-            raise TrajectoryError(f"this trajectory has no {self.what} {name!r}; {nearest(name, self.names)}")
-        return self.compute(name)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """Return the value of a name, or the default where there is none."""
-        return self[name] if name in self.names else default
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.names)
-
-    def __len__(self) -> int:
-        return len(self.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +65,7 @@ class Trajectory(Remade, Displayed):
     adjustments: tuple[str, ...]  # of the start, in sentences
     stats: dict[str, Any]
     versions: dict[str, str]
+    t0: float = 0.0  # [s] of the start
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -107,8 +73,9 @@ class Trajectory(Remade, Displayed):
 
     @staticmethod
     def from_run(
-        system: System, engine: CoreEngine | PinocchioEngine, loop: Loop, start: Start, status: str, message: str, stats: Any
-    ) -> Trajectory:
+        system: System, engine: CoreEngine | PinocchioEngine, loop: Loop, start: Start, t0: float, status: str, message: str,
+        stats: Any,
+    ) -> Trajectory:  # fmt: skip
         """Turn the samples of a run into a trajectory."""
         recorded, names = loop.recorded, system.forces.inputs or ()
         t, states = recorded.t, engine.stored(recorded.t, recorded.states)
@@ -117,7 +84,7 @@ class Trajectory(Remade, Displayed):
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
         made = Trajectory(
             system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
-            stats, versions(),
+            stats, versions(), float(t0),
         )  # fmt: skip
         made.__dict__["system"] = system  # nothing is compiled again
         return made
@@ -161,11 +128,23 @@ class Trajectory(Remade, Displayed):
         """Names `trajectory[...]` knows, apart from points, directions and lengths of links."""
         return ("t", *self.mechanism.names.known, *ENERGIES)
 
+    @property
+    def end(self) -> End:
+        """The last sample, from which another run goes on: `simulate(scene, start=trajectory.end, t0=trajectory.end.time)`."""
+        values, rates = self._coordinates
+        return end_of(self._postures, float(self.t[-1]), values[-1], rates[-1])
+
     def __len__(self) -> int:
         return len(self.t)
 
     def __repr__(self) -> str:
-        return f"<Trajectory of {self.scene.name!r}: {len(self)} samples, {self.message}>"
+        parts = [f"{len(self)} samples, {self.message.rstrip('.')}", self.mechanism.names.shown]
+        for what, mapping in (("controls", self.controls), ("reactions", self.reactions)):
+            parts += [f"{what} {listed(tuple(mapping))}"] if mapping else []
+        return f"<Trajectory of {self.scene.name!r}: {'; '.join(parts)}>"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return ["t", *self.mechanism.names, *ENERGIES]
 
     def __getitem__(self, name: str) -> Array:
         if not isinstance(name, str):
@@ -190,8 +169,8 @@ class Trajectory(Remade, Displayed):
     def controls(self) -> Mapping[str, Array]:
         """Applied forces and the forces of prescribed segments by name, (N,) [N, N m]."""
         ideal = {row.text for row in self.system.info[: len(self.scene.constraints)]}
-        names = tuple(n for n in self.system.work_names if n != "dissipation" and n not in ideal)
-        return _Named("control", names, lambda name: self._evaluations["controls"][name])
+        names = tuple(n for n in self.system.work_names if n != DAMPERS and n not in ideal)
+        return Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
@@ -200,9 +179,9 @@ class Trajectory(Remade, Displayed):
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski. A multiplier is the force along the gradient of left side - right side.
         """
-        snow = ("knife_edge", *SNOW) if self.mechanism.layout.base == "ski" else ()
+        snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
-        return _Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
+        return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:
         """Force (N, 3) [N] of the parent on a link at its hinge, surface frame."""
@@ -228,7 +207,7 @@ class Trajectory(Remade, Displayed):
     def residuals(self) -> Mapping[str, Residual]:
         """Constraint errors by name or equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
         edge = ("knife_edge",) if self.mechanism.layout.base == "ski" else ()
-        return _Named("residual", (*edge, *self._equations), self._residual)
+        return Named("residual", (*edge, *self._equations), self._residual)
 
     @cached_property
     def _equations(self) -> dict[str, str]:
@@ -275,15 +254,29 @@ class Trajectory(Remade, Displayed):
         note = {
             "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
-            "engine": self.engine,
+            "engine": self.engine, "t0": self.t0,
         }  # fmt: skip
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def save_csv(self, path: str | Path) -> Path:
-        """Write time, coordinates, rates, energies, controls and reactions as columns with a header."""
-        columns = {name: self[name] for name in self.names}
-        columns |= dict(self.controls) | dict(self.reactions)
-        return write_columns(checked_path(path), columns)
+        """Write the columns of `to_pandas`, with their units in the header line: `psi1 [rad]`."""
+        return write_columns(checked_path(path), {column.header: column.values for column in columns(self)})
+
+    def to_pandas(self, points: bool = False, hinges: bool = False) -> Any:
+        """Return a pandas.DataFrame over t of coordinates, rates, energies, controls, reactions and residuals.
+
+        Units are in `attrs["units"]`. `points` adds the points of all links and the centre of mass, `hinges` the forces and
+        torques in the hinges; residuals are `residual:NAME` and `residual_dot:NAME`. Raises TrajectoryError without pandas.
+        """
+        return to_pandas(columns(self, points, hinges))
+
+    def to_xarray(self, points: bool = False, hinges: bool = False) -> Any:
+        """Return the columns of `to_pandas` as an xarray.Dataset over t, each with its unit in `attrs["units"]`.
+
+        Raises TrajectoryError without xarray.
+        """
+        about = {"scene": self.scene.name, "method": self.run.method, "status": self.status, "message": self.message}
+        return to_xarray(columns(self, points, hinges), about | {"vlmb": self.versions.get("vlmb", "")})
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
@@ -299,47 +292,3 @@ def versions() -> dict[str, str]:
         "vlmb": __version__, "pinocchio": pin.__version__, "numpy": np.__version__, "scipy": scipy.__version__,
         "python": platform.python_version(),
     }  # fmt: skip
-
-
-def load_trajectory(path: str | Path) -> Trajectory:
-    """Read a stored trajectory. It is data: nothing in it is run.
-
-    Raises TrajectoryError for a file that is missing, damaged or foreign.
-    """
-    note, stored = read_arrays(path, {1: OLD, 2: tuple(ARRAYS.values())})
-    if "states" not in stored:
-        try:
-            stored["states"] = np.hstack([stored[name] for name in ("q", "v", "work")])
-        except ValueError as error:
-            raise TrajectoryError(f"{path}: q, v and work are damaged: {error}") from None
-    arrays = {name: stored[key] for name, key in ARRAYS.items()}
-    try:
-        scene = Scene.from_dict(note["scene"], f"{path}: scene")
-        run = msgspec.convert(note["run"], Run)
-        status, message = str(note["status"]), str(note["message"])
-        names, adjustments = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
-        stats, made_with, engine = dict(note["stats"]), dict(note["versions"]), str(note.get("engine", "pinocchio"))
-    except (KeyError, TypeError, ValueError) as error:
-        raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
-    system = make_system(build(scene), run, inputs=names or None)
-    layout, samples = system.mechanism.layout, arrays["t"].size
-    branches = len(arrays["branch"]) if len(arrays["branch"]) == 1 else samples
-    shapes = {
-        "t": (samples,), "states": (samples, state_size(system, engine)), "inputs": (samples, len(names)),
-        "branch": (branches, len(layout.names)),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        bad = ~np.isfinite(arrays[name]) & ~(np.isnan(arrays[name]) & (name == "inputs"))  # not known: nan
-        if arrays[name].shape != shape or bad.any():
-            what = f"shape {arrays[name].shape} where its scene needs {shape}, finite"
-            raise TrajectoryError(f"{path}: {ARRAYS[name]} is damaged: {what}")
-    if not samples or (np.diff(arrays["t"]) <= 0.0).any():
-        raise TrajectoryError(f"{path}: t is damaged: times must ascend")
-    if not unit_directions(system, engine, arrays["states"]):
-        raise TrajectoryError(f"{path}: its states are damaged: directions do not have length 1")
-    t, states, inputs, branch = (arrays[name] for name in ARRAYS)
-    made = Trajectory(
-        system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, stats, made_with
-    )
-    made.__dict__["system"] = system
-    return made

@@ -14,7 +14,7 @@ from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FRO
 from vlmb.core.run import accept, indicate, longest_step, run
 from vlmb.core.springs import line_ups
 from vlmb.errors import SimulationError, SingularError, VlmbError
-from vlmb.model.coordinates import State
+from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.events import Event

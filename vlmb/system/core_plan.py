@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,14 @@ from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.springs import AngleSprings
 from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
-from vlmb.model.coordinates import segment_of
+from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import counted
 from vlmb.model.quantities import QuantityTable
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.expressions import Expression, parse
+from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.events import BOTH_WAYS, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
 from vlmb.system.prescribed import Prescribed
@@ -40,12 +42,16 @@ class CorePlan:
 
     arrays: Arrays
     plant: Plant
-    table: QuantityTable = field(repr=False)
-    tape: CompiledTape = field(repr=False)
+    table: QuantityTable
+    tape: CompiledTape
     springs: tuple[DirectionSpring, ...]
     laws: tuple[tuple[str, str], ...]  # of every root: the force or length it gives, and its text
     acting: tuple[str, ...]  # names of the forces, laws first, then inputs
     events: tuple[Event, ...]
+
+    def __repr__(self) -> str:
+        sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
+        return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {listed(self.acting) or 'none'}>"
 
     @property
     def positions(self) -> int:

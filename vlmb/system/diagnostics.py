@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SimulationError, SingularError, VlmbError
-from vlmb.model.coordinates import Layout
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constrained import ConstraintSolver
 from vlmb.system.forces import ForceWriter

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SimulationError, SingularError
 from vlmb.model.arrays import pinocchio_states
-from vlmb.model.coordinates import POLE, State, read_angles
+from vlmb.model.coordinates import POLE, read_angles
 from vlmb.model.frozen import read_only
+from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import DOT, GeneralizedForce
 from vlmb.model.reading import Postures, read_along

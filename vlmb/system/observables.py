@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SingularError
-from vlmb.model.coordinates import POLE, Coordinate, Layout, read_angles, segment_of
+from vlmb.model.coordinates import POLE, read_angles
+from vlmb.model.layout import Coordinate, Layout, segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES, DOT, Names, Quantity
 from vlmb.system.frames import LinkFrames

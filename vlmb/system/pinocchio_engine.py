@@ -13,7 +13,7 @@ from vlmb.core.march import march
 from vlmb.core.plant import make_memory
 from vlmb.core.run import indicate, longest_step
 from vlmb.errors import VlmbError
-from vlmb.model.coordinates import State
+from vlmb.model.layout import State
 from vlmb.system.events import Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.system import System

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vlmb.model.coordinates import segment_of
+from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.laws import Law, time_law
 

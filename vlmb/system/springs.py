@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SingularError, nearest
-from vlmb.model.coordinates import Layout, SegmentIndex
+from vlmb.model.layout import Layout, SegmentIndex
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.tables import BASE, Segment
 from vlmb.system.frames import LinkFrames, Vector, between, cross

@@ -15,8 +15,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
-from vlmb.model.coordinates import SegmentIndex, State
+from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
+from vlmb.scene.names import listed
+from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
@@ -64,6 +66,17 @@ class System:
     forces: AppliedForces
     constraints: ConstraintSet | None  # ideal rows, rows of the programme, secondary ones
     programme: ProgrammePlan | None
+
+    def __repr__(self) -> str:
+        parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
+        for what, names in (
+            ("forces", [channel.name for channel in self.forces.channels]),
+            ("prescribed", [at.name for at in self.prescribed]),
+            ("rows", [row.name for row in (*rows_of(self.mechanism.scene).ideal, *rows_of(self.mechanism.scene).servo)]),
+            ("controls", list(self.programme.names if self.programme else ())),
+        ):
+            parts += [f"{what} {listed(names)}"] if names else []
+        return f"<System of {self.mechanism.scene.name!r}: {'; '.join(parts)}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return make_system, (self.mechanism, self.run, self.forces.inputs)

@@ -8,9 +8,8 @@ import io
 from collections.abc import Sequence
 
 from vlmb.errors import VlmbError
-from vlmb.model.coordinates import Coordinate
 from vlmb.model.mechanism import Mechanism
-from vlmb.model.names import counted, quantity_of
+from vlmb.model.names import counted
 from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.stills import still
@@ -20,7 +19,6 @@ HEIGHT = 300  # [pixels] of a picture
 FRAMES = 120  # from which it is chosen
 GHOSTS = 5  # earlier postures of what travels
 ROWS = 12  # of a table; a longer one is folded
-KINDS = {"phi": "azimuth", "psi": "elevation", "phi0": "heading", "xi": "length"}
 
 
 def card(what: Mechanism | Trajectory, height: int = HEIGHT) -> str:
@@ -35,10 +33,11 @@ def _of_trajectory(trajectory: Trajectory, height: int) -> str:
     lasts = float(trajectory.t[-1] - trajectory.t[0])
     made = of_trajectory(trajectory, min(30.0, FRAMES / max(lasts, 1e-3)))
     rows = []
-    for entry in trajectory.mechanism.layout.coordinates:
+    names = trajectory.mechanism.names
+    for entry in names.coordinates:
         values = trajectory[entry.name]
         numbers = (values[0], values.min(), values.max(), values[-1])
-        what = [entry.name, _meaning(trajectory.mechanism, entry), quantity_of(entry).unit]
+        what = [entry.name, names.meaning(entry), entry.unit]
         rows.append([*what, *(f"{number:.4g}" for number in numbers)])
     columns = ("coordinate", "", "unit", "start", "least", "most", "end")
     picture = _picture(made, GHOSTS if trajectory.mechanism.layout.base != "pivot" else 0, height)
@@ -57,16 +56,9 @@ def _of_mechanism(mechanism: Mechanism, height: int) -> str:
         picture = _picture(of_state(mechanism, start.state), 0, height)
     except VlmbError as error:  # a scene that cannot start has coordinates all the same
         lines.append(f"no start  {error}")
-    rows = [[entry.name, _meaning(mechanism, entry), quantity_of(entry).unit, values[entry.name]] for entry in layout.coordinates]
+    names = mechanism.names
+    rows = [[entry.name, names.meaning(entry), entry.unit, values[entry.name]] for entry in names.coordinates]
     return f"<div>{picture}{_text(chr(10).join(lines))}{_table(('coordinate', '', 'unit', 'start'), rows)}</div>"
-
-
-def _meaning(mechanism: Mechanism, entry: Coordinate) -> str:
-    """Say what a coordinate is, such as `length of legs, lower`."""
-    if entry.link < 0:
-        return KINDS.get(entry.kind, "place")
-    segment = {1: ", lower", 2: ", upper"}.get(entry.segment, "")
-    return f"{KINDS[entry.kind]} of {mechanism.layout.links[entry.link].name}{segment}"
 
 
 def _picture(made: Scenery, ghosts: int, height: int) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import Coordinate
+from vlmb.model.layout import Coordinate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.style import Series, draw, finish, legend_beside, new_figure
 
