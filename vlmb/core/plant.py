@@ -8,10 +8,13 @@ import numpy as np
 
 from vlmb.core import opcodes as op
 from vlmb.core import tree as of
+from vlmb.core.constraints import add_forces, constrain, project
 from vlmb.core.jit import kernel
 from vlmb.core.links import accelerate
 from vlmb.core.opcodes import Buffers, Tape, make_buffers
 from vlmb.core.quantities import Quantities, add_row, measure, measure_these
+from vlmb.core.row_arrays import PROJECTED, PROJECTION, RowMemory, Rows, make_row_memory, sizes_of, view
+from vlmb.core.row_forces import add_row_powers, push_on, write_apart
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL, Scratch, make_scratch
 from vlmb.core.springs import AngleSprings, add_springs
@@ -32,7 +35,7 @@ SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity 
 
 # What may be wrong: a code is source * SOURCES + what the source says.
 SOURCES = 1 << 40
-FROM_LINKS, FROM_QUANTITY, FROM_LAW, FROM_SPRING, FROM_FORCE = range(1, 6)
+FROM_LINKS, FROM_QUANTITY, FROM_LAW, FROM_SPRING, FROM_FORCE, FROM_ROWS, FROM_SIDE = range(1, 8)
 
 
 class Plant(NamedTuple):
@@ -48,6 +51,7 @@ class Plant(NamedTuple):
     watch: Integers  # (e, 2) indicators of events
     bound: Array  # (e, 2)
     size: Integers  # (2,)
+    rows: Rows
 
 
 class Memory(NamedTuple):
@@ -67,17 +71,20 @@ class Memory(NamedTuple):
     row: Array  # (velocities,)
     switches: Array  # (switches, 2)
     lines: Array  # (springs, 2)
+    rows: RowMemory
 
 
 def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
     """Make the buffers of a plant; given (n, 6) are the lengths that no law drives."""
     count, nv = len(plant.quantities.kind), int(plant.tree.shape[of.VELOCITIES])
+    size = int(plant.tree.shape[of.POSITIONS]) + nv + int(plant.size[WORKS])
     memory = Memory(
         scratch=make_scratch(plant.tree), buffers=make_buffers(plant.tape), measured=np.zeros((count, 3)),
         reference=np.zeros((count, 2)), near=np.zeros(len(plant.springs.pair)), force=np.zeros(nv),
         values=np.zeros(len(plant.force)), given=np.array(given),
         inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
         switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 2)),
+        rows=make_row_memory(plant.rows, nv, size, len(given), len(plant.driven)),
     )  # fmt: skip
     prepare(plant.tape, memory.buffers, plant.parameters)
     return memory
@@ -86,12 +93,22 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
 @kernel
 def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
     """Write y' at (t, y) for y = (positions, velocities, work); return 0, or source * SOURCES + what it says."""
+    held = plant.rows.table.shape[0] > 0
+    if held and plant.rows.table[0, PROJECTED] != 0:
+        code = onto_edge(plant, memory, t, y, dy)
+        if code != 0:
+            return FROM_LINKS * SOURCES + code
+        y = memory.rows.state[PROJECTION]
     code = act(plant, memory, t, y)
     if code != 0:
         return code
     code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
     if code != 0:
         return FROM_LINKS * SOURCES + code
+    if held:
+        code = meet_rows(plant, memory, y, dy)
+        if code != 0:
+            return FROM_ROWS * SOURCES + code
     if plant.size[WORKS] > 0:
         return count_work(plant, memory, y, dy)
     return 0
@@ -134,7 +151,10 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
         if code != 0:
             return FROM_QUANTITY * SOURCES + code
         read_leaves(tape, t, plant.parameters, memory.measured, memory.signals, buffers.slots)
-    play_values(tape, buffers, tape.parts[op.TIME_END], tape.parts[op.ROOTS_END])
+    if plant.rows.table.shape[0] > 0:
+        play_jets(tape, buffers, tape.parts[op.TIME_END], tape.parts[op.ROOTS_END])
+    else:
+        play_values(tape, buffers, tape.parts[op.TIME_END], tape.parts[op.ROOTS_END])
     return 0
 
 
@@ -148,6 +168,39 @@ def drive(plant: Plant, memory: Memory, t: float) -> None:
         slot = tape.root[plant.driven[k, DRIVE]]
         for order in range(3):
             memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + order] = buffers.slots[slot, order]
+
+
+@kernel
+def onto_edge(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
+    """Write the state with the velocities on the knife edge that are nearest in kinetic energy; `dy` is overwritten."""
+    drive(plant, memory, t)
+    for j in range(memory.force.shape[0]):
+        memory.force[j] = 0.0
+    code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
+    if code == 0:
+        project(plant.rows, memory.rows, plant.tree, y, memory.scratch)
+    return code
+
+
+@kernel
+def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
+    """Add what rows and controls bring to the accelerations, and to the forces that driven lengths take; return a code."""
+    rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
+    near = memory.reference
+    code = constrain(rows, memory.rows, tape, memory.buffers, plant.quantities, tree, y, given, near, scratch, dy)
+    if code != 0 or plant.driven.shape[0] == 0:
+        return code
+    add_forces(rows, memory.rows, memory.force)
+    accelerate(tree, y, given, memory.force, dy, scratch)
+    sizes = sizes_of(rows)
+    space = view(sizes, memory.rows)
+    write_apart(
+        rows, sizes, space, memory.rows, plant.driven, tape, memory.buffers, plant.quantities, tree, y, given, near,
+        memory.measured,
+    )  # fmt: skip
+    for k in range(plant.driven.shape[0]):
+        scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= push_on(sizes, space, k)
+    return 0
 
 
 @kernel
@@ -166,6 +219,10 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     for k in range(plant.driven.shape[0]):
         row, column = plant.driven[k, ROW], plant.driven[k, COLUMN]
         dy[work + plant.driven[k, DRIVE_WORK]] += memory.scratch.rows[row, AXIAL + column // 3] * memory.given[row, column + 1]
+    if plant.rows.table.shape[0] > 0:
+        sizes = sizes_of(plant.rows)
+        space = view(sizes, memory.rows)
+        add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
     if plant.size[LOSS] >= 0:
         dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0]
     return 0

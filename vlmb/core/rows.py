@@ -34,19 +34,19 @@ def evaluate_rows(
     read_leaves(tape, t, parameters, measured, signals, buffers.slots)
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ROOTS_END])
     for r in range(tape.root.shape[0]):
-        write_residual(tape, buffers, r, form[r], out)
+        write_residual(tape, buffers, r, form[r], r, out)
         if not finite(out[r, 0] + out[r, 1] + out[r, 2]):
             return ROW_FAILS, r
-        bad = write_row(tape, buffers, quantities, tree, r, y, given, reference, matrix)
+        bad = write_row(tape, buffers, quantities, tree, r, y, given, reference, matrix[r])
         if bad != 0:
             return LEAF_FAILS, bad
     return FINE, 0
 
 
 @kernel(inline=True)
-def write_residual(tape: Tape, buffers: Buffers, r: int, form: int, out: Array) -> None:
-    """Write z, z' and drift of a row."""
-    slots, slot = buffers.slots, tape.root[r]
+def write_residual(tape: Tape, buffers: Buffers, root: int, form: int, r: int, out: Array) -> None:
+    """Write z, z' and drift of a root into row r of `out`."""
+    slots, slot = buffers.slots, tape.root[root]
     if form == OF_VELOCITIES:
         out[r, 0], out[r, 1], out[r, 2] = 0.0, slots[slot, 0], slots[slot, 1]
     else:
@@ -56,16 +56,16 @@ def write_residual(tape: Tape, buffers: Buffers, r: int, form: int, out: Array) 
 
 @kernel(inline=True)
 def write_row(
-    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, y: Array, given: Array, reference: Array,
-    matrix: Array,
+    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, root: int, y: Array, given: Array, reference: Array,
+    line: Array,
 ) -> int:  # fmt: skip
-    """Write W of a row: the sum of its derivatives by leaves times their rows; return 0, or code + 3 k of quantity k."""
-    gradient(tape, buffers, r, False)
-    for j in range(matrix.shape[1]):
-        matrix[r, j] = 0.0
-    for j in range(tape.entering_ends[r, 0], tape.entering_ends[r, 1]):
+    """Write W (nv,) of a root: the sum of its derivatives by leaves times their rows; return 0, or code + 3 k of quantity k."""
+    gradient(tape, buffers, root, False)
+    for j in range(line.shape[0]):
+        line[j] = 0.0
+    for j in range(tape.entering_ends[root, 0], tape.entering_ends[root, 1]):
         k = tape.entering[j]
-        code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], matrix[r])
+        code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], line)
         if code != FINE:
             return code + 3 * tape.leaf[k, 1]
     return 0

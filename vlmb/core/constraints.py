@@ -1,0 +1,295 @@
+"""The constraint layer on any mechanism that can `accelerate` and `respond`: ideal rows, and a programme with its controls.
+
+    vdot = a + M^-1 (B u + J^T lambda),    J vdot = wanted,    W vdot = wanted,    wanted = H z + K z' - drift
+
+with a the accelerations under all other forces. Ideal rows are eliminated by J M^-1 J^T; what they leave of W M^-1 B is G of
+(5.6), which programme.py solves. Order of the rows: the knife edge where a multiplier holds it, ideal, programme, secondary.
+"""
+
+from __future__ import annotations
+
+from vlmb.core import tree as of
+from vlmb.core.angles import FINE
+from vlmb.core.dense import cholesky, least_squares, solve_cholesky
+from vlmb.core.jit import kernel
+from vlmb.core.links import respond
+from vlmb.core.opcodes import Buffers, Tape
+from vlmb.core.programme import UNMET, copy, solve_programme
+from vlmb.core.quantities import Quantities, add_row
+from vlmb.core.row_arrays import ALONG, FIRST, FORM, FREE, PROJECTION, RowMemory, Rows, Sizes, Space, sizes_of, view
+from vlmb.core.rows import write_residual, write_row
+from vlmb.core.scalars import finite, sqrt
+from vlmb.core.scratch import Scratch
+from vlmb.core.tree import Array, Tree
+
+EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
+REPEATED = 1e-12  # of a Cholesky pivot over the diagonal: a row that others repeat
+CUT = 1e-10  # of the singular values of rows that repeat each other
+ASKED = 1e-6  # [1/s^2] that a row which moves nothing may ask for
+SIDEWAYS = 1  # place of the sideways velocity of a base that may slide
+NEARLY = 0.1  # of the largest error: rows with one above it are named
+
+# Codes: what is wrong, and with which rows or controls, as bits.
+NO_VALUE, NO_DIRECTION, EMPTY_ROWS, CONTRADICTING, OUT_OF_REACH = range(1, 6)
+KIND = 1 << 36  # a code is kind * KIND + bits; what is beyond the bits is left out
+MOST = 35
+
+
+@kernel
+def constrain(
+    rows: Rows, memory: RowMemory, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array, given: Array,
+    reference: Array, scratch: Scratch, dy: Array,
+) -> int:  # fmt: skip
+    """Add to the accelerations in `dy`, where `accelerate` was last, what rows and controls bring; return a code.
+
+    The tape has been played for jets.
+    """
+    sizes = sizes_of(rows)
+    space = view(sizes, memory)
+    bits = write_lines(rows, sizes, space, tape, buffers, quantities, tree, y, given, reference)
+    if bits != 0:
+        return NO_VALUE * KIND + bits
+    bits = write_columns(rows, sizes, space, quantities, tree, y, given, reference)
+    if bits != 0:
+        return NO_DIRECTION * KIND + bits
+    write_wanted(rows, sizes, space, tree, y, dy)
+    write_moved(sizes, space, tree, y, scratch)
+    if sizes.ideal > 0:
+        code = eliminate_ideal(sizes, space)
+        if code != 0:
+            return code
+    if sizes.beyond > 0:
+        write_matrix(sizes, space)
+        free = rows.table[0, FREE]
+        u0 = buffers.slots[tape.root[free], 0] / product_of_scales(rows, sizes) if free >= 0 else 0.0
+        if not solve_programme(sizes, space, u0):
+            return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
+    write_multipliers(sizes, space)
+    first = tree.shape[of.POSITIONS]
+    for k in range(sizes.controls + sizes.ideal):
+        for j in range(tree.shape[of.VELOCITIES]):
+            dy[first + j] += space.shares[k] * space.answers[k, j]
+    return 0
+
+
+@kernel
+def bit(k: int) -> int:
+    """Return the bit of a row or a control."""
+    return 1 << min(k, MOST)
+
+
+@kernel
+def named(errors: Array, count: int) -> int:
+    """Return the bits of the rows with the largest errors."""
+    worst, bits = 0.0, 0
+    for k in range(count):
+        worst = max(worst, abs(errors[k]))
+    for k in range(count):
+        if abs(errors[k]) > NEARLY * worst:
+            bits |= bit(k)
+    return bits
+
+
+@kernel
+def write_lines(
+    rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array,
+    given: Array, reference: Array,
+) -> int:  # fmt: skip
+    """Write residuals and rows; return the bits of those without a finite value."""
+    first, bits = rows.table[0, FIRST], 0
+    if sizes.held:
+        for j in range(space.lines.shape[1]):
+            space.lines[0, j] = 1.0 if j == SIDEWAYS else 0.0
+    for k in range(sizes.ideal + sizes.beyond - sizes.held):
+        write_residual(tape, buffers, first + k, rows.table[1 + k, FORM], k, space.residual)
+        at = sizes.held + k
+        sound = write_row(tape, buffers, quantities, tree, first + k, y, given, reference, space.lines[at]) == 0
+        total = space.residual[k, 0] + space.residual[k, 1] + space.residual[k, 2]
+        for j in range(space.lines.shape[1]):
+            total += space.lines[at, j]
+        if not (sound and finite(total)):
+            bits |= bit(at)
+    return bits
+
+
+@kernel
+def write_columns(
+    rows: Rows, sizes: Sizes, space: Space, quantities: Quantities, tree: Tree, y: Array, given: Array, reference: Array
+) -> int:
+    """Write the forces of the controls; return the bits of those that have no direction."""
+    after, last, bits = 1 + sizes.ideal - sizes.held + sizes.beyond, rows.gains.shape[0] - 1, 0
+    for k in range(sizes.controls):
+        column = space.columns[k]
+        for j in range(column.shape[0]):
+            column[j] = 0.0
+        along, scale = rows.table[after + k, ALONG], rows.gains[last, k]
+        if add_row(quantities, along, tree, y, given, reference, scale, column) != FINE:
+            bits |= bit(k)
+    return bits
+
+
+@kernel
+def product_of_scales(rows: Rows, sizes: Sizes) -> float:
+    """Return the product of the scales of the controls."""
+    product = 1.0
+    for k in range(sizes.controls):
+        product *= rows.gains[rows.gains.shape[0] - 1, k]
+    return product
+
+
+@kernel
+def write_wanted(rows: Rows, sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array) -> None:
+    """Write what the rows want of their accelerations beyond those in `dy`: H z + K z' - drift - W a."""
+    first, count, held, wanted = tree.shape[of.POSITIONS], sizes.ideal + sizes.beyond - sizes.held, sizes.held, space.wanted
+    if held:
+        wanted[0] = -rows.gains[count, sizes.controls] * y[first + SIDEWAYS]
+    for k in range(count):
+        total = -space.residual[k, 2]
+        for j in range(count):
+            total += rows.gains[k, j] * space.residual[j, 0] + rows.gains[k, count + j] * space.residual[j, 1]
+        wanted[held + k] = total
+    for k in range(held + count):
+        for j in range(space.lines.shape[1]):
+            wanted[k] -= space.lines[k, j] * dy[first + j]
+
+
+@kernel
+def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, scratch: Scratch) -> None:
+    """Write what every control and every multiplier adds to all accelerations, and to those of the rows."""
+    for k in range(sizes.controls + sizes.ideal):
+        force = space.columns[k] if k < sizes.controls else space.lines[k - sizes.controls]
+        respond(tree, y, force, space.answers[k], scratch)
+        for i in range(sizes.ideal + sizes.beyond):
+            total = 0.0
+            for j in range(force.shape[0]):
+                total += space.lines[i, j] * space.answers[k, j]
+            space.moved[i, k] = total
+
+
+@kernel
+def eliminate_ideal(sizes: Sizes, space: Space) -> int:
+    """Solve J M^-1 J^T X = (J M^-1 B, lacking); return a code."""
+    e, s, square, solved = sizes.ideal, sizes.controls, space.square, space.solved
+    for i in range(e):
+        for j in range(e):
+            square[i, j] = space.moved[i, s + j]
+        for k in range(s):
+            solved[i, k] = space.moved[i, k]
+        solved[i, s] = space.wanted[i]
+    bits, asked = clear_empty(sizes, space)
+    if asked > ASKED:
+        return EMPTY_ROWS * KIND + bits
+    copy(square, e, e, space.first)
+    if cholesky(space.first, e, REPEATED):
+        solve_cholesky(space.first, e, solved, s + 1)
+        return 0
+    return solve_repeating(sizes, space)
+
+
+@kernel
+def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
+    """Take rows that move nothing out of the system; return their bits, and the most that they ask for."""
+    e, s, bits, asked = sizes.ideal, sizes.controls, 0, 0.0
+    for i in range(e):
+        size = 0.0
+        for j in range(space.lines.shape[1]):
+            size += space.lines[i, j] * space.lines[i, j]
+        if space.square[i, i] <= EMPTY * size:
+            bits |= bit(i)
+            asked = max(asked, abs(space.solved[i, s]))
+            for j in range(e):
+                space.square[i, j] = space.square[j, i] = 0.0
+            for k in range(s + 1):
+                space.solved[i, k] = 0.0
+            space.square[i, i] = 1.0
+    return bits, asked
+
+
+@kernel
+def solve_repeating(sizes: Sizes, space: Space) -> int:
+    """The same for rows that repeat each other: the least multipliers that meet them; return a code."""
+    e, s, a, b, x = sizes.ideal, sizes.controls, space.first, space.second, space.third
+    largest, worst, total = 1.0, 0.0, 0.0
+    for i in range(e):
+        for j in range(e):
+            a[i, j] = space.square[i, j] / (scale_of(space, i) * scale_of(space, j))
+        for k in range(s + 1):
+            b[i, k] = space.solved[i, k] / scale_of(space, i)
+            largest = max(largest, abs(space.solved[i, k]))
+    least_squares(a, e, e, b, s + 1, CUT, x)
+    for j in range(e):
+        for k in range(s + 1):
+            x[j, k] /= scale_of(space, j)
+    for i in range(e):
+        space.errors[i] = 0.0
+        for k in range(s + 1):
+            error = -space.solved[i, k]
+            for j in range(e):
+                error += space.square[i, j] * x[j, k]
+            space.errors[i] = max(space.errors[i], abs(error))
+            total += error
+        worst = max(worst, space.errors[i])
+    if not finite(total):
+        return CONTRADICTING * KIND
+    if worst > UNMET * largest:
+        return CONTRADICTING * KIND + named(space.errors, e)
+    copy(x, e, s + 1, space.solved)
+    return 0
+
+
+@kernel
+def scale_of(space: Space, i: int) -> float:
+    """Return the root of a diagonal entry of J M^-1 J^T."""
+    return sqrt(max(space.square[i, i], 1e-300))
+
+
+@kernel
+def write_matrix(sizes: Sizes, space: Space) -> None:
+    """Write G of (5.6), and beta in the place of what its rows lack: both with the multipliers that the controls bring along."""
+    e, s = sizes.ideal, sizes.controls
+    for i in range(sizes.beyond):
+        moved = space.moved[e + i]
+        for k in range(s):
+            space.matrix[i, k] = moved[k]
+            for j in range(e):
+                space.matrix[i, k] -= moved[s + j] * space.solved[j, k]
+        for j in range(e):
+            space.wanted[e + i] -= moved[s + j] * space.solved[j, s]
+
+
+@kernel
+def write_multipliers(sizes: Sizes, space: Space) -> None:
+    """Write the multipliers of the ideal rows under the controls."""
+    s = sizes.controls
+    for j in range(sizes.ideal):
+        space.shares[s + j] = space.solved[j, s]
+        for k in range(s):
+            space.shares[s + j] -= space.solved[j, k] * space.shares[k]
+
+
+@kernel
+def add_forces(rows: Rows, memory: RowMemory, force: Array) -> None:
+    """Add B u + J^T lambda of the last solution to generalized forces (nv,)."""
+    sizes = sizes_of(rows)
+    space = view(sizes, memory)
+    for k in range(sizes.controls + sizes.ideal):
+        line = space.columns[k] if k < sizes.controls else space.lines[k - sizes.controls]
+        for j in range(line.shape[0]):
+            force[j] += space.shares[k] * line[j]
+
+
+@kernel
+def project(rows: Rows, memory: RowMemory, tree: Tree, y: Array, scratch: Scratch) -> None:
+    """Write into memory.state the state y with v - M^-1 e v_left / (M^-1)_left, where `accelerate` was last."""
+    sizes, first = sizes_of(rows), tree.shape[of.POSITIONS]
+    space = view(sizes, memory)
+    for j in range(space.force.shape[0]):
+        space.force[j] = 1.0 if j == SIDEWAYS else 0.0
+    moved = space.answers[0]
+    respond(tree, y, space.force, moved, scratch)
+    share = y[first + SIDEWAYS] / moved[SIDEWAYS]
+    for j in range(y.shape[0]):
+        memory.state[PROJECTION, j] = y[j]
+    for j in range(moved.shape[0]):
+        memory.state[PROJECTION, first + j] -= share * moved[j]
+    memory.state[PROJECTION, first + SIDEWAYS] = 0.0

@@ -1,0 +1,133 @@
+"""Controls of a programme: G u = beta, by (5.6) the least u in the scales of the controls, and what the rows leave free."""
+
+from __future__ import annotations
+
+from vlmb.core.dense import (
+    eliminate,
+    least_squares,
+    pivots_hold,
+    reflect,
+    reflect_back,
+    solve_lower,
+    solve_upper,
+)
+from vlmb.core.jit import kernel
+from vlmb.core.row_arrays import REPEATING, SIDE, Sizes, Space
+from vlmb.core.tree import Array
+
+RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
+SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this is rounding
+UNMET = 1e-6  # of the largest beta, or [1/s^2]: error of a row that the controls do not meet
+
+
+@kernel
+def solve_programme(sizes: Sizes, space: Space, free: float) -> bool:
+    """Write the controls over their scales into the shares; return whether the rows of the programme are met.
+
+    free: u0 over the product of the scales; then there is one control more than rows. Secondary rows take what the others
+    leave; with as many controls as all rows together this is one system.
+    """
+    r, s, servo, beta, u = sizes.beyond, sizes.controls, sizes.servo, space.wanted[sizes.ideal :], space.shares
+    if servo < r <= s and least(space, r, s, beta, u):
+        return True
+    regular = least(space, servo, s, beta, u)
+    space.state[REPEATING] = 0.0 if regular else 1.0
+    met = True if regular else least_deficient(space, servo, s, beta, u, space.errors[sizes.ideal :])
+    if met and r > servo:
+        add_secondary(space, servo, r, s, beta, u)
+    elif met and free != 0.0:
+        add_free(space, servo, free, u)
+    return met
+
+
+@kernel(inline=True)
+def copy(a: Array, rows: int, columns: int, out: Array) -> None:
+    """Copy the first rows and columns of a table."""
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = a[i, j]
+
+
+@kernel
+def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool:
+    """Solve G u = beta for the least u; False where pivots show rows that repeat each other. Notes the sign of det G."""
+    a, pivots, state = space.first, space.second[0], space.state
+    copy(space.matrix, rows, controls, a)
+    for k in range(controls):
+        u[k] = beta[k] if k < rows else 0.0
+    state[SIDE] = 0.0
+    if rows == controls:
+        side = eliminate(a, rows, u)
+        for k in range(rows):
+            pivots[k] = a[k, k]
+        if not pivots_hold(pivots, rows, RANK, SMALLEST):
+            return False
+        state[SIDE] = side
+        solve_upper(a, rows, u)
+        return True
+    reflect(a, rows, rows, controls, pivots)
+    if not pivots_hold(pivots, rows, RANK, SMALLEST):
+        return False
+    solve_lower(a, rows, pivots, u)
+    reflect_back(a, rows, controls, u)
+    return True
+
+
+@kernel
+def least_deficient(space: Space, rows: int, controls: int, beta: Array, u: Array, errors: Array) -> bool:
+    """The same for rows that repeat each other; False where they ask for what the controls cannot give, with their errors."""
+    a, b, x, largest, worst = space.first, space.second, space.third, 1.0, 0.0
+    for i in range(rows):
+        largest = max(largest, abs(beta[i]))
+        b[i, 0] = beta[i]
+        for j in range(controls):
+            entry = space.matrix[i, j]
+            a[i, j] = 0.0 if abs(entry) < RANK * SMALLEST else entry
+    least_squares(a, rows, controls, b, 1, RANK, x)
+    for i in range(rows):
+        errors[i] = -beta[i]
+        for j in range(controls):
+            entry = space.matrix[i, j]
+            errors[i] += 0.0 if abs(entry) < RANK * SMALLEST else entry * x[j, 0]
+        worst = max(worst, abs(errors[i]))
+    for j in range(controls):
+        u[j] = x[j, 0]
+    return worst <= UNMET * largest
+
+
+@kernel
+def add_secondary(space: Space, servo: int, rows: int, controls: int, beta: Array, u: Array) -> None:
+    """Add Z x with the least squares of what the secondary rows lack, G_2 (u + Z x) - beta_2; Z spans the kernel of G."""
+    a, inside, null, count = space.first, space.second, controls - servo, rows - servo
+    lacking, x = space.third[:count], space.third[count:]
+    copy(space.matrix, rows, controls, a)
+    reflect(a, rows, servo, controls, inside[0])
+    for i in range(count):
+        lacking[i, 0] = beta[servo + i]
+        for j in range(controls):
+            lacking[i, 0] -= space.matrix[servo + i, j] * u[j]
+        for j in range(null):
+            inside[i, j] = a[servo + i, servo + j]
+    least_squares(inside, count, null, lacking, 1, RANK, x)
+    added = inside[0]
+    for j in range(controls):
+        added[j] = x[j - servo, 0] if j >= servo else 0.0
+    reflect_back(a, servo, controls, added)
+    for j in range(controls):
+        u[j] += added[j]
+
+
+@kernel
+def add_free(space: Space, rows: int, free: float, u: Array) -> None:
+    """Add u0 u_tau of (5.6) for one control more than rows: u_tau is the generalized cross product of the rows of G."""
+    a, pivots, cross = space.first, space.second[0], space.third[0]
+    copy(space.matrix, rows, rows + 1, a)
+    reflect(a, rows, rows, rows + 1, pivots)
+    size = free
+    for k in range(rows):
+        size *= pivots[k]
+        cross[k] = 0.0
+    cross[rows] = size
+    reflect_back(a, rows, rows + 1, cross)
+    for k in range(rows + 1):
+        u[k] += cross[k]

@@ -1,0 +1,121 @@
+"""The arrays of the constraint layer: rows and controls of a scene, and what solving for them writes.
+
+They are few, because each costs every evaluation nanoseconds to hand over; `view` names their parts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vlmb.core.jit import kernel
+from vlmb.core.tree import Array, Integers
+
+# Row 0 of `table`: how many rows the knife edge holds (0, 1), ideal ones, those of the programme, secondary ones, controls; the
+# root of the tape that the first row is, and that of u0 or -1; whether velocities are projected onto the knife edge.
+HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED = range(8)
+# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control.
+FORM, WORK = range(2)
+ALONG = 0  # of a control: the quantity that it acts along; WORK as above
+SIDE, SIDE_BEFORE, REPEATING = range(3)  # of `state` of a space: sign of det G now, at the last accepted step; whether rows of G repeat
+PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the knife edge; velocities 0
+
+
+class Rows(NamedTuple):
+    """Rows and controls of a scene, constant for a run; empty where it has none."""
+
+    table: Integers  # (1 + n + S, 8)
+    gains: Array  # (n + 1, 2 n or S + 1) H and K; in the last row the scales of the controls, then the knife edge's gain [1/s]
+
+
+class RowMemory(NamedTuple):
+    """What one thread writes."""
+
+    lines: Array  # (any, nv)
+    small: Array  # (any, any)
+    state: Array  # (2, size of y) see PROJECTION
+    given: Array  # (links, 6)
+
+
+class Sizes(NamedTuple):
+    """Numbers of rows and controls: the knife edge is one of the ideal rows, e of them; beyond them are r."""
+
+    held: int
+    ideal: int
+    servo: int
+    beyond: int
+    controls: int
+
+
+class Space(NamedTuple):
+    """Parts of the memory; rows and columns beyond those named are room."""
+
+    lines: Array  # (e + r, nv) J, W
+    columns: Array  # (S, nv) forces of the controls over their scales
+    answers: Array  # (S + e, nv) M^-1 times columns and J^T
+    force: Array  # (nv,)
+    residual: Array  # (n, 3) z, z', drift
+    moved: Array  # (e + r, S + e) lines times answers
+    square: Array  # (e, e) J M^-1 J^T
+    solved: Array  # (e, S + 1) its inverse times that of the controls, and times what is lacking
+    matrix: Array  # (r, S) G of (5.6) in the scales of the controls
+    apart: Array  # (e, driven lengths) rows over the rates of driven lengths
+    wanted: Array  # (e + r,) what accelerations of the rows lack; beyond the eliminated ones beta of (5.6)
+    shares: Array  # (S + e,) controls over their scales, multipliers
+    errors: Array  # (e + r,) of rows that could not be met
+    state: Array  # (3,)
+    first: Array  # three tables of e + r + S rows for solvers
+    second: Array
+    third: Array
+
+
+def no_rows() -> Rows:
+    """Make what a scene without rows has."""
+    return Rows(np.zeros((0, 8), np.int64), np.zeros((0, 1)))
+
+
+@kernel(inline=True)
+def sizes_of(rows: Rows) -> Sizes:
+    """Read the numbers of rows and controls."""
+    head = rows.table[0]
+    beyond = head[SERVO] + head[SECOND]
+    return Sizes(head[HELD], head[HELD] + head[IDEAL], head[SERVO], beyond, head[CONTROLS])
+
+
+def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: int) -> RowMemory:
+    """Make the memory for rows of a mechanism with `size` numbers in its state."""
+    if not len(rows.table):
+        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 6)))
+    held, ideal, servo, second, controls = rows.table[0, : CONTROLS + 1].tolist()
+    eliminated, beyond = held + ideal, servo + second
+    whole = eliminated + beyond
+    width = max(whole, controls + eliminated + 1, driven, 4)
+    height = whole - held + whole + 3 * eliminated + beyond + 4 + 3 * (whole + controls)
+    return RowMemory(
+        np.zeros((whole + 2 * controls + eliminated + 1, velocities)), np.zeros((height, width)), np.zeros((2, size)),
+        np.zeros((links, 6)),
+    )  # fmt: skip
+
+
+@kernel(copied=True)
+def view(sizes: Sizes, memory: RowMemory) -> Space:
+    """Name the parts of the memory."""
+    e, r, s, lines, small = sizes.ideal, sizes.beyond, sizes.controls, memory.lines, memory.small
+    a = e + r
+    b = a + s
+    c = b + s + e
+    moved = a - sizes.held
+    square = moved + a
+    solved = square + e
+    matrix = solved + e
+    apart = matrix + r
+    vectors = apart + e
+    first = vectors + 4
+    second = first + b
+    third = second + b
+    return Space(
+        lines[:a], lines[a:b], lines[b:c], lines[c], small[:moved], small[moved:square], small[square:solved],
+        small[solved:matrix], small[matrix:apart], small[apart:vectors], small[vectors], small[vectors + 1],
+        small[vectors + 2], small[vectors + 3], small[first:second], small[second:third], small[third:],
+    )  # fmt: skip
