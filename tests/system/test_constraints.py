@@ -17,9 +17,9 @@ import vlmb
 from tests.reference.witness import Witness
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, TIGHT, link, scene, table
 from vlmb.scene.expressions import evaluate, parse
+from vlmb.model.quantities import allowed_names
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.frames import LinkFrames
-from vlmb.system.observables import allowed_names
 from vlmb.system.system import make_system
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -89,7 +89,7 @@ def equations(mechanism: vlmb.Mechanism) -> list[str]:
     """Coordinates, rates, and what links offer, with explicit time and parameters; and three crooked ones."""
     links = mechanism.layout.links
     outer = links[-1].name
-    names = [name for name in allowed_names(mechanism) if "." not in name and name not in ("t", *PARAMETERS)]
+    names = [name for name in allowed_names(mechanism.names, PARAMETERS) if "." not in name and name not in ("t", *PARAMETERS)]
     names += [f"{outer}.length", *(f"{outer}.{what}.{axis}" for what in ("direction", *POINTS) for axis in "xz")]
     if not mechanism.scene.plane or mechanism.scene.base.kind == "ski":
         names += [f"{outer}.direction.y", f"{outer}.tip.y"]

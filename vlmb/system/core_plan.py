@@ -21,7 +21,7 @@ from vlmb.model.arrays import Arrays, make_arrays
 from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
-from vlmb.model.quantities import QuantityTable
+from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.expressions import Expression, parse
@@ -140,7 +140,7 @@ def make_core_plan(
     for length in prescribed:
         link, side = _owner(mechanism, length.name)
         driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works.get(length.force, 0)))
-        roots.append(_law(mechanism, length.law.text, length.law.expression.key))
+        roots.append(length.law.expression)
         laws.append((length.name, roots[-1].text))
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
@@ -159,9 +159,7 @@ def make_core_plan(
 
 def _law(mechanism: Mechanism, text: str | float, key: str) -> Expression:
     """Read a law in the time, the parameters, and the quantities of the mechanism."""
-    scene = mechanism.scene
-    allowed = {"t", *scene.parameters}
-    return parse(text, key, allowed)
+    return parse(text, key, allowed_names(mechanism.names, mechanism.scene.parameters))
 
 
 def _owner(mechanism: Mechanism, coordinate: str) -> tuple[int, int]:

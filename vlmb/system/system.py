@@ -215,7 +215,7 @@ class Workspace:
         self.springs = SegmentSprings(system.segments, self.nq)
         self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver)
         self._calls = [0]
-        self._branch = [0.0] * len(self.layout.names) if branch is None else list(branch)
+        self._branch = np.zeros(len(self.layout.names)) if branch is None else np.array(branch, float)
         self._dense = Dense(
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
             self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
@@ -230,7 +230,7 @@ class Workspace:
     @property
     def branch(self) -> list[float]:
         """Coordinates of the last accepted state, near which `rhs` reads angles."""
-        return list(self._branch)
+        return self._branch.tolist()
 
     @branch.setter
     def branch(self, values: Sequence[float]) -> None:
