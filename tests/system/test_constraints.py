@@ -16,8 +16,8 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.reference.witness import Witness
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, TIGHT, link, scene, table
-from vlmb.scene.expressions import evaluate, parse
 from vlmb.model.quantities import allowed_names
+from vlmb.scene.expressions import evaluate, parse
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.frames import LinkFrames
 from vlmb.system.system import make_system

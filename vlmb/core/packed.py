@@ -6,7 +6,7 @@ a copy of the reals is all that another thread needs. The integers begin with a 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities
 from vlmb.core.tree import Array, Integers, Tree
+
+Values = TypeVar("Values", Array, Integers)
 
 # Parts, integers first. FORM: of each root, as in rows.py; LEVELS: coordinates by which a quantity keeps its branch;
 # ALONG: quantities that forces act along, SCALE: their scales; GIVEN: lengths that do not move.
@@ -37,15 +39,13 @@ class Packed(NamedTuple):
 
 def pack(parts: dict[int, Integers | Array]) -> Packed:
     """Put parts, by number, into two arrays; parts that are not there are empty."""
-    table, joined = np.zeros((PARTS, 2), np.int64), []
-    for first, end, kind in ((0, CONSTANT, np.int64), (CONSTANT, PARTS, np.float64)):
-        at = 2 * PARTS if first == 0 else 0
-        flat = [np.asarray(parts.get(k, ()), kind).ravel() for k in range(first, end)]
-        for k, part in enumerate(flat, first):
-            table[k] = at, at + len(part)
-            at += len(part)
-        joined.append(np.concatenate(flat))
-    return Packed(np.concatenate([table.ravel(), joined[0]]), joined[1])
+    integers = [np.asarray(parts.get(k, ()), np.int64).ravel() for k in range(CONSTANT)]
+    reals = [np.asarray(parts.get(k, ()), np.float64).ravel() for k in range(CONSTANT, PARTS)]
+    table = np.zeros((PARTS, 2), np.int64)
+    for first, at, group in ((0, 2 * PARTS, list(map(len, integers))), (CONSTANT, 0, list(map(len, reals)))):
+        ends = at + np.cumsum([0, *group])
+        table[first : first + len(group)] = np.column_stack([ends[:-1], ends[1:]])
+    return Packed(np.concatenate([table.ravel(), *integers]), np.concatenate(reals))
 
 
 def tape_parts(tape: Tape, buffers: Buffers, parameters: Array) -> dict[int, Integers | Array]:
@@ -58,13 +58,13 @@ def tape_parts(tape: Tape, buffers: Buffers, parameters: Array) -> dict[int, Int
 
 
 @kernel(copied=True)
-def part(values: Array, integers: Integers, k: int) -> Array:
+def part(values: Values, integers: Integers, k: int) -> Values:
     """Return part k of the integers or the reals."""
     return values[integers[2 * k] : integers[2 * k + 1]]
 
 
 @kernel(copied=True)
-def table(values: Array, integers: Integers, k: int, columns: int) -> Array:
+def table(values: Values, integers: Integers, k: int, columns: int) -> Values:
     """Return part k as a table."""
     return part(values, integers, k).reshape(((integers[2 * k + 1] - integers[2 * k]) // columns, columns))
 

@@ -75,8 +75,8 @@ class Arrays:
         for row, i in enumerate(self.order):
             at_p, at_v = (int(self.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
             p[..., at_p : at_p + 3], w[..., at_v : at_v + 3] = motion.directions[..., i, :], motion.direction_rates[..., i, :]
-            for number, segment, free in ((1, layout.links[i].lower, columns.LOWER_FREE), (2, layout.links[i].upper, columns.UPPER_FREE)):
-                if self.tree.link[row, free]:
+            for number, segment in ((1, layout.links[i].lower), (2, layout.links[i].upper)):
+                if self.tree.link[row, columns.LOWER_FREE + number - 1]:
                     length, rate = self.length_at(i, number)
                     y[..., length], y[..., rate] = q[..., segment.q], v[..., segment.v]
         return y

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ from vlmb.errors import SceneError
 from vlmb.model.forms import show
 from vlmb.model.tape import CompiledTape, Leaf, compile_tape
 from vlmb.scene.expressions import Equation, Expression, failure, parse
+from vlmb.scene.names import kind_of
 
 Array = NDArray[np.float64]
 
@@ -53,13 +54,23 @@ class Law:
 
 def time_law(text: str | float, parameters: Mapping[str, float], key: str) -> Law:
     """Read a law of time in `t` and the parameters. Raises ExpressionError."""
-    expression = parse(text, key, {"t", *parameters})
+    expression = parse_of_time(text, parameters, key)
     names = [name for name in parameters if name in expression.names]
     places = {name: at for at, name in enumerate(names)}
     values = parameter_values({name: parameters[name] for name in names})
     compiled = compile_tape([expression], lambda name: Leaf(op.PARAMETER, places[name]) if name in places else Leaf(op.TIME))
     buffers = prepared(compiled, values, [expression])
     return Law(expression.text, expression, compiled, values, pack(tape_parts(compiled.tape, buffers, values)))
+
+
+def parse_of_time(text: str | float, parameters: Collection[str], key: str) -> Expression:
+    """Read an expression in `t` and the parameters. Raises ExpressionError, with words of its own for one that names the motion."""
+    own = {"t", *parameters}
+    for name in sorted(parse(text, key).names - own):
+        if "." in name or name == "speed" or kind_of(name) == "a coordinate":
+            hint = "the law of a force may name the motion"
+            raise failure(key, str(text), f"{name!r} is read of the motion; here stand only t and parameters", hint)
+    return parse(text, key, own)
 
 
 def parameter_values(parameters: Mapping[str, float]) -> Array:
@@ -121,7 +132,8 @@ def tape_breaks(compiled: CompiledTape, parameters: Array, start: float, end: fl
         return ()
     times = time_breaks(compiled.tape, parameters, start, end).tolist()
     if times and math.isnan(times[-1]):
-        raise SceneError(f"the law {text!r} switches too often between t = {start:g} and {end:g} s; make it smooth, or the run shorter")
+        span = f"between t = {start:g} and {end:g} s"
+        raise SceneError(f"the law {text!r:.200} switches too often {span}; make it smooth, or the run shorter")
     return tuple(times)
 
 

@@ -85,7 +85,7 @@ class QuantityTable:
         return make_quantities(self.arrays.tree, rows[:, :4].astype(np.int64), rows[:, 4])
 
     def levels(self) -> Integers:
-        """Return the places (count, 2) of azimuth and elevation among the coordinates, by which angles keep their branch; or -1."""
+        """Return where azimuth and elevation, by which angles keep their branch, are among the coordinates (count, 2); or -1."""
         found, layout = np.full((len(self.rows), 2), -1, np.int64), self.arrays.layout
         for k, (kind, row, _, _, _) in enumerate(self.rows):
             if kind in (core.AZIMUTH, core.ELEVATION):

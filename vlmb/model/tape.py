@@ -161,7 +161,7 @@ class _Builder:
 
     def sum(self, tree: Tree, terms: Sequence[Tree]) -> int | float:
         """Constants last; what depends on parameters or time alone first, so that it is not played at every state."""
-        constant, signed = 0.0, []
+        constant, signed = 0.0, list[tuple[int, bool, int]]()
         for term in terms:
             minus = term[0] == "neg"
             part = self.build(term[1] if minus else term)

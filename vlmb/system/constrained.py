@@ -105,9 +105,8 @@ class ConstraintSolver:
         self.load[:] = b
         wanted = NOTHING
         if rows is not None:
-            if not rows_of_joints(
-                self.integers, self.buffers, t, q, v, self.frames.turning, branch, self.layers, self.first, self.numbers, self.table
-            ):
+            turning, places = self.frames.turning, (self.layers, self.first)
+            if not rows_of_joints(self.integers, self.buffers, t, q, v, turning, branch, *places, self.numbers, self.table):
                 self.require_finite()
             wanted = self.law.dot(self.wanted)
         if self.held:

@@ -83,8 +83,8 @@ class ConstraintSet:
 
         Raises SimulationError where an equation has no finite value, SingularError where one reads an azimuth at the pole.
         """
-        buffers, out, matrix = self.readings.buffers(), np.empty((3, self.count)), np.empty((1, self.pushed + self.count, self.nv))
-        near, known = np.array(branch, float), np.zeros(self.nv, np.int64)
+        buffers, near, known = self.readings.buffers(), np.array(branch, float), np.zeros(self.nv, np.int64)
+        out, matrix = np.empty((3, self.count)), np.empty((1, self.pushed + self.count, self.nv))
         fine = rows_of_joints(self.readings.integers, buffers, t, q, v, frames.turning, near, known, self.pushed, out, matrix)
         jacobian, chosen = matrix[0, self.pushed :], list(range(self.count) if rows is None else rows)
         if not fine:
@@ -98,8 +98,8 @@ class ConstraintSet:
         self, buffers: Array, out: Array, jacobian: Array, rows: Sequence[int] | None = None, columns: Array | None = None
     ) -> VlmbError | None:
         """Return the error of an evaluation that was not fine: of rows, all or some by number, or of the forces' `columns`."""
-        sound = np.isfinite(out).all(axis=0) & np.isfinite(jacobian).all(axis=1)
-        bad = [k for k in (range(self.count) if rows is None else rows) if not sound[k]]
+        sizes = np.abs(out).sum(axis=0) + np.abs(jacobian).sum(axis=1)
+        bad = [k for k in (range(self.count) if rows is None else rows) if not np.isfinite(sizes[k])]
         if bad:
             obstacle = self.readings.obstacle(buffers, bad)
             named = " and ".join(repr(self.texts[k]) for k in sorted(bad))

@@ -177,7 +177,8 @@ class ForceWriter:
     def require_directions(self) -> None:
         """Raise SingularError for a force that has no direction, or a law that reads an azimuth at the pole."""
         assert self.forces.readings is not None
-        obstacle = self.forces.readings.obstacle(self.buffers, np.flatnonzero(~np.isfinite(self.values[: len(self.laws)])).tolist())
+        failed = np.flatnonzero(~np.isfinite(self.values[: len(self.laws)]))
+        obstacle = self.forces.readings.obstacle(self.buffers, failed.tolist())
         if obstacle is not None:
             raise obstacle
         for channel, column in zip(self.channels, self.columns, strict=True):

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core import packed
+from vlmb.core import packed, rows
 from vlmb.core import quantities as core
-from vlmb.core import rows
 from vlmb.core import tree as of
 from vlmb.core.opcodes import RATE, VALUE
 from vlmb.core.packed import Packed, pack, tape_parts
