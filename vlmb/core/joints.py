@@ -16,7 +16,7 @@ from vlmb.core import tree as of
 from vlmb.core.angles import FINE
 from vlmb.core.jit import kernel
 from vlmb.core.packed import buffers_of, part, quantities_of, table, tape_of, tree_of
-from vlmb.core.quantities import KIND, LINK, PLANE_ELEVATION, Quantities, add_row, measure
+from vlmb.core.quantities import KIND, LINK, PLANE_ELEVATION, add_row, measure
 from vlmb.core.rows import write_residual
 from vlmb.core.scalars import NAN, atan2, cos, finite, nearest_turn, sin
 from vlmb.core.tape import gradient, play_jets, play_values, read_leaves
@@ -34,6 +34,19 @@ class Joints(NamedTuple):
 
     shape: Integers  # (2,)
     link: Integers  # (n, 6)
+
+
+class Room(NamedTuple):
+    """What taking a row over writes."""
+
+    moment: Array  # (n, 3) on every link
+    carried: Array  # (engine's nv,)
+
+
+@kernel(copied=True)
+def room_of(i: Integers, reals: Array) -> Room:
+    """Return the room of packed equations."""
+    return Room(table(reals, i, packed.MOMENT, 3), part(reals, i, packed.CARRIED))
 
 
 @kernel(copied=True)
@@ -171,34 +184,24 @@ def read_joints(i: Integers, reals: Array, q: Array, v: Array, axes: Array, bran
             reference[k, 1] = total_turn(joints_of(i), tree, quantities.kind[k, LINK], q)
         elif levels[k, 0] >= 0:
             reference[k, 0], reference[k, 1] = branch[levels[k, 0]], branch[levels[k, 1]]
+    given = table(reals, i, packed.GIVEN, 6)
     for k in part(i, i, packed.USED):
-        code = measure(quantities, k, tree, y, table(reals, i, packed.GIVEN, 6), reference, measured)
+        code = measure(quantities, k, tree, y, given, reference, measured)
         if code != FINE:
             measured[k, 0], measured[k, 1], measured[k, 2] = NAN, NAN, NAN
 
 
 @kernel
-def add_along(i: Integers, reals: Array, quantities: Quantities, k: int, scale: float) -> bool:
-    """Add scale * L of quantity k to the row over the core's velocities; False where there is none."""
-    tree, y, given = tree_of(i, reals), part(reals, i, packed.STATE), table(reals, i, packed.GIVEN, 6)
-    reference = table(reals, i, packed.REFERENCE, 2)
-    return add_row(quantities, k, tree, y, given, reference, scale, part(reals, i, packed.ROW)) == FINE
-
-
-@kernel
-def put_row(i: Integers, reals: Array, axes: Array, sound: bool, known: Integers, place: int, out: Array) -> bool:
-    """Write the row over the engine's velocities into out[known, place]; nan where it has none. Return whether it is sound."""
-    line = part(reals, i, packed.ROW)
-    if sound:
-        carried = part(reals, i, packed.CARRIED)
-        tree, moment = tree_of(i, reals), table(reals, i, packed.MOMENT, 3)
-        carry(joints_of(i), tree, axes, part(reals, i, packed.STATE), line, moment, carried)
-        for j in range(known.shape[0]):
-            out[known[j], place, j] = carried[j]
-            sound = sound and finite(carried[j])
-    else:
-        for j in range(known.shape[0]):
-            out[known[j], place, j] = NAN
+def put_row(
+    joints: Joints, tree: Tree, axes: Array, y: Array, row: Array, room: Room, sound: bool, known: Integers, place: int,
+    out: Array,
+) -> bool:  # fmt: skip
+    """Write a row over the engine's velocities into out[known, place]; nan where it has none. Return whether it is sound."""
+    carry(joints, tree, axes, y, row, room.moment, room.carried)
+    for j in range(known.shape[0]):
+        value = room.carried[j] if sound else NAN
+        out[known[j], place, j] = value
+        sound = sound and finite(value)
     return sound
 
 
@@ -221,6 +224,8 @@ def rows_of_joints(
     """
     tape, buffers, quantities = tape_of(i, reals), buffers_of(i, reals), quantities_of(i, reals)
     line, bend, form = part(reals, i, packed.ROW), part(reals, i, packed.BEND), part(i, i, packed.FORM)
+    tree, joints, room, y = tree_of(i, reals), joints_of(i), room_of(i, reals), part(reals, i, packed.STATE)
+    given, reference = table(reals, i, packed.GIVEN, 6), table(reals, i, packed.REFERENCE, 2)
     read_joints(i, reals, q, v, axes, branch)
     measured = table(reals, i, packed.MEASURED, 3)
     read_leaves(tape, t, part(reals, i, packed.PARAMETERS), measured, table(reals, i, packed.SIGNALS, 3), buffers.slots)
@@ -233,8 +238,9 @@ def rows_of_joints(
         sound = finite(residual[r, 0] + residual[r, 1] + residual[r, 2])
         for j in range(tape.entering_ends[r, 0], tape.entering_ends[r, 1]):
             k = tape.entering[j]
-            sound = add_along(i, reals, quantities, tape.leaf[k, 1], buffers.adjoint[k]) and sound
-        fine = put_row(i, reals, axes, sound, known, first + r, matrix) and fine
+            code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], line)
+            sound = sound and code == FINE
+        fine = put_row(joints, tree, axes, y, line, room, sound, known, first + r, matrix) and fine
         drift = residual[r, 2]
         for j in range(line.shape[0]):
             drift += line[j] * bend[j]
@@ -242,8 +248,8 @@ def rows_of_joints(
     along, scale = part(i, i, packed.ALONG), part(reals, i, packed.SCALE)
     for s in range(along.shape[0]):
         clear(line)
-        sound = add_along(i, reals, quantities, along[s], scale[s])
-        fine = put_row(i, reals, axes, sound, known, s, matrix) and fine
+        code = add_row(quantities, along[s], tree, y, given, reference, scale[s], line)
+        fine = put_row(joints, tree, axes, y, line, room, code == FINE, known, s, matrix) and fine
     return fine
 
 
@@ -257,6 +263,8 @@ def forces_of_joints(
     A force of 0 needs no direction: its column is 0. False: a law or a column has no finite value; what has none is nan.
     """
     tape, buffers, quantities = tape_of(i, reals), buffers_of(i, reals), quantities_of(i, reals)
+    tree, joints, room, y = tree_of(i, reals), joints_of(i), room_of(i, reals), part(reals, i, packed.STATE)
+    given, reference = table(reals, i, packed.GIVEN, 6), table(reals, i, packed.REFERENCE, 2)
     read_joints(i, reals, q, v, axes, branch)
     measured = table(reals, i, packed.MEASURED, 3)
     read_leaves(tape, t, part(reals, i, packed.PARAMETERS), measured, table(reals, i, packed.SIGNALS, 3), buffers.slots)
@@ -266,6 +274,6 @@ def forces_of_joints(
         if s < tape.root.shape[0]:
             values[s] = buffers.slots[tape.root[s], 0]
         clear(line)
-        sound = values[s] == 0.0 or add_along(i, reals, quantities, along[s], 1.0)
-        fine = put_row(i, reals, axes, sound, known, s, columns) and finite(values[s]) and fine
+        code = FINE if values[s] == 0.0 else add_row(quantities, along[s], tree, y, given, reference, 1.0, line)
+        fine = put_row(joints, tree, axes, y, line, room, code == FINE, known, s, columns) and finite(values[s]) and fine
     return fine

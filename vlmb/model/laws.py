@@ -64,7 +64,7 @@ def time_law(text: str | float, parameters: Mapping[str, float], key: str) -> La
 
 
 def parse_of_time(text: str | float, parameters: Collection[str], key: str) -> Expression:
-    """Read an expression in `t` and the parameters. Raises ExpressionError, with words of its own for one that names the motion."""
+    """Read an expression in `t` and the parameters. Raises ExpressionError, in words of its own where it names the motion."""
     own = {"t", *parameters}
     for name in sorted(parse(text, key).names - own):
         if "." in name or name == "speed" or kind_of(name) == "a coordinate":
