@@ -19,8 +19,9 @@ from vlmb.core.opcodes import RATE, VALUE
 from vlmb.core.packed import Packed, pack, tape_parts
 from vlmb.errors import SingularError, VlmbError
 from vlmb.model.arrays import Arrays, make_arrays
-from vlmb.model.coordinates import POLE, Layout
+from vlmb.model.coordinates import POLE
 from vlmb.model.laws import parameter_values, prepared
+from vlmb.model.layout import Layout
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import QuantityTable
