@@ -155,13 +155,13 @@ def test_a_system_is_pickled(made: vlmb.Scene) -> None:
 
 
 def test_rows_are_compiled_once_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled, compile_scalar = [], vlmb.system.constraints.compile_scalar
+    compiled, make_readings = [], vlmb.system.constraints.make_readings
 
     def counted(*args: Any) -> Any:
         compiled.append(1)
-        return compile_scalar(*args)
+        return make_readings(*args)
 
-    monkeypatch.setattr(vlmb.system.constraints, "compile_scalar", counted)
+    monkeypatch.setattr(vlmb.system.constraints, "make_readings", counted)
     for made in (CONSTRAINED, PROGRAMME):
         compiled.clear()
         run = vlmb.simulate(made, duration=0.05, control=lambda t, view: {"F1_1": 0.0})

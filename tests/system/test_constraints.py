@@ -16,10 +16,10 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.reference.witness import Witness
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, TIGHT, link, scene, table
+from vlmb.model.quantities import allowed_names
 from vlmb.scene.expressions import evaluate, parse
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.frames import LinkFrames
-from vlmb.system.observables import allowed_names
 from vlmb.system.system import make_system
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -89,7 +89,7 @@ def equations(mechanism: vlmb.Mechanism) -> list[str]:
     """Coordinates, rates, and what links offer, with explicit time and parameters; and three crooked ones."""
     links = mechanism.layout.links
     outer = links[-1].name
-    names = [name for name in allowed_names(mechanism) if "." not in name and name not in ("t", *PARAMETERS)]
+    names = [name for name in allowed_names(mechanism.names, PARAMETERS) if "." not in name and name not in ("t", *PARAMETERS)]
     names += [f"{outer}.length", *(f"{outer}.{what}.{axis}" for what in ("direction", *POINTS) for axis in "xz")]
     if not mechanism.scene.plane or mechanism.scene.base.kind == "ski":
         names += [f"{outer}.direction.y", f"{outer}.tip.y"]
@@ -159,6 +159,31 @@ def test_azimuths_of_ideal_rows_are_taken_in_their_regular_form() -> None:
     assert now.at(0.0, now.q, now.v)[0] == pytest.approx([expected], abs=1e-14)
     upright = mechanism.state({**v, "psi1": math.pi / 2})
     assert np.isfinite(np.concatenate([np.ravel(part) for part in now.at(0.0, upright.q, now.v)])).all()
+
+
+def test_a_long_power_is_a_row_like_any_other() -> None:
+    """z = s^64 - 1, z' = 64 s^63 s' with s = phi1 + psi1 + xi1_1 + t."""
+    texts = ["(phi1+psi1+xi1_1+t)**64 = 1", "phi1 + psi1 + xi1_1 + t = 0"]
+    now = posture(vlmb.build(MECHANISMS["one link on the ski"]), texts, False, 0)
+    z, rate, jacobian, _ = now.at(0.37, now.q, now.v)
+    total = sum(now.values[name] for name in ("phi1", "psi1", "xi1_1")) + 0.37
+    assert z[0] == pytest.approx(total**64 - 1.0, rel=1e-11)
+    assert rate[0] == pytest.approx(64.0 * total**63 * rate[1], rel=1e-11)
+    np.testing.assert_allclose(jacobian[0], 64.0 * total**63 * jacobian[1], rtol=1e-10)
+
+
+def test_the_number_of_rows_is_bounded() -> None:
+    with pytest.raises(vlmb.VlmbError, match="at most 2000"):
+        posture(vlmb.build(MECHANISMS["one link on the ski"]), [f"psi1 = {k}" for k in range(2001)], False, 0)
+
+
+def test_elevations_in_a_plane_just_grow() -> None:
+    mechanism = vlmb.build(MECHANISMS["two links in a fixed plane"])
+    rows, frames = ConstraintSet(mechanism, [("2*psi2 = 1", "row", False)]), LinkFrames(mechanism)
+    q, v = mechanism.state({"psi1": 7.0, "psi2": 16.0, "xi1_1": 0.3, "xi1_2": 0.2, "xi2_1": 0.3, "xi2_2": 0.2})
+    frames.update(q)
+    assert rows.evaluate(frames, 0.0, q, v, np.zeros(6)).z == pytest.approx([31.0])
+
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from vlmb.model.memory import make_data
 from vlmb.model.names import generalized_forces
 from vlmb.simulation.simulate import check
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.forces import column
+from vlmb.system.forces import ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames
 from vlmb.system.springs import FADE
 from vlmb.system.system import make_system
@@ -64,10 +64,12 @@ def test_work_of_every_generalized_force(name: str) -> None:
         ahead, behind = (pin.integrate(model, state.q, sign * step * state.v) for sign in (1.0, -1.0))
         after, before = (mechanism.coordinates((q, state.v), now) for q in (ahead, behind))
         reference = [now[each] for each in layout.names]
-        frames, tau = LinkFrames(mechanism), np.zeros(layout.nv)
+        frames, forces = LinkFrames(mechanism), generalized_forces(layout)
         frames.update(state.q)
-        for channel in generalized_forces(layout).values():
-            column(channel, frames, reference, tau)
+        writer = ForceWriter(mechanism, applied_forces(mechanism, list(forces)), frames, None)
+        writer.held = [1.0] * len(forces)
+        writer.add(0.0, state.q, state.v, np.zeros(layout.nv), np.array(reference))
+        for channel, tau in zip(forces.values(), writer.columns, strict=True):
             if channel.kind != "hinge":
                 coordinate = channel.coordinate
                 rate = (after[coordinate] - before[coordinate]) / (2 * step)

@@ -25,20 +25,24 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": {"
 @overload
 def kernel(function: Function) -> Function: ...
 @overload
-def kernel(*, inline: bool = False, allocates: bool = False) -> Callable[[Function], Function]: ...
+def kernel(*, inline: bool = False, allocates: bool = False, copied: bool = False) -> Callable[[Function], Function]: ...
 def kernel(
-    function: Function | None = None, *, inline: bool = False, allocates: bool = False
+    function: Function | None = None, *, inline: bool = False, allocates: bool = False, copied: bool = False
 ) -> Function | Callable[[Function], Function]:
     """Compile a function on its first call, once on this machine.
 
     `inline` makes it a part of every kernel that calls it, and leaves it plain Python for Python: for small functions.
-    `allocates` lets it make arrays.
+    `allocates` lets it make arrays. `copied` puts its text into kernels that call it, so that it may return parts of arrays.
     """
     options = OPTIONS | {"_nrt": allocates, "boundscheck": MODE == "bounds"}
 
     def decorate(function: Function) -> Function:
         if not COMPILED:
             return function
+        if copied:
+            import numba
+
+            return cast(Function, numba.njit(inline="always", **options)(function))
         if inline:
             from numba.extending import register_jitable
 

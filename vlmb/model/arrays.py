@@ -76,7 +76,7 @@ class Arrays:
             at_p, at_v = (int(self.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
             p[..., at_p : at_p + 3], w[..., at_v : at_v + 3] = motion.directions[..., i, :], motion.direction_rates[..., i, :]
             for number, segment in ((1, layout.links[i].lower), (2, layout.links[i].upper)):
-                if segment.motion == "free" and segment.joint:
+                if self.tree.link[row, columns.LOWER_FREE + number - 1]:
                     length, rate = self.length_at(i, number)
                     y[..., length], y[..., rate] = q[..., segment.q], v[..., segment.v]
         return y
@@ -187,8 +187,12 @@ def _turned(quaternion: Array, vector: Array) -> Array:
     return vector + 2.0 * np.cross(q, np.cross(q, vector) + w * vector)
 
 
-def make_arrays(scene: Scene, layout: Layout, sliding: bool = False) -> Arrays:
-    """Make the core's constants of a scene; `sliding`: the ski keeps its sideways velocity (its knife edge is a row)."""
+def make_arrays(scene: Scene, layout: Layout, sliding: bool = False, driven: bool = False) -> Arrays:
+    """Make the core's constants of a scene.
+
+    sliding : the ski keeps its sideways velocity (its knife edge is a row); driven : prescribed lengths are velocities like
+    free ones, as for Pinocchio.
+    """
     kind = columns.SLIDING if sliding and layout.base == "ski" else BASES[layout.base]
     p, v = BASE_SIZES[kind]
     count = len(layout.links)
@@ -198,12 +202,13 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False) -> Arrays:
         index, table = layout.links[i], scene.links[i]
         parent = rows[index.parent] if index.parent >= 0 else -1
         on_rod = parent >= 0 and index.point != "tip"
-        free = [segment.motion == "free" and segment.joint > 0 for segment in (index.lower, index.upper)]
+        segments = index.lower, index.upper
+        free = [segment.joint > 0 and (driven or segment.motion == "free") for segment in segments]
         link[row] = parent, columns.ROD if on_rod else columns.TIP, p, v, *free, 0, table.tip_mass > 0.0
         if parent >= 0:
             link[parent, columns.ROD_CHILDREN if on_rod else columns.TIP_LOAD] = 1
         real[row] = _constants(table, index, free)
-        given[row, [0, 3]] = [0.0 if is_free else at.length for is_free, at in zip(free, (index.lower, index.upper), strict=True)]
+        given[row, [0, 3]] = [0.0 if is_free else at.length for is_free, at in zip(free, segments, strict=True)]
         p, v = p + 3 + sum(free), v + 3 + sum(free)
     base = np.array([scene.base.mass, scene.base.inertia, scene.base.com_offset, *scene.surface_gravity])
     tree = Tree(np.array([kind, p, v, count], np.int64), base, link, real)

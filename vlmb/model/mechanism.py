@@ -20,10 +20,11 @@ from vlmb.errors import SceneError
 from vlmb.model import coordinates as chart
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade
+from vlmb.model.laws import parse_of_time
 from vlmb.model.layout import BASE_COORDINATES, Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.names import POINTS, Names, counted
 from vlmb.model.reading import Postures, postures
-from vlmb.scene.expressions import evaluate, parse
+from vlmb.scene.expressions import evaluate
 from vlmb.scene.places import on_rod
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import BASE, Segment
@@ -320,7 +321,7 @@ def start_length(scene: Scene, segment: Segment, key: str) -> float:
     """Length [m] of a segment at the start: given, or the law's value at t = 0."""
     if segment.motion != "prescribed":
         return float(segment.length or 0.0)
-    law = parse(0.0 if segment.law is None else segment.law, key, {"t", *scene.parameters})
+    law = parse_of_time(0.0 if segment.law is None else segment.law, scene.parameters, key)
     return evaluate(law, {"t": 0.0, **scene.parameters})
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Collection, Iterable, Iterator, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +18,30 @@ from vlmb.model.names import ANGLES, GeneralizedForce, Names, Quantity
 from vlmb.model.tape import Leaf
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 Row = tuple[int, int, int, int, float]  # kind, link, component, segments along, offset [m]
 NONE, LOWER, BOTH = 0, places.LOWER, places.BOTH
 SEGMENTS = {1: places.LOWER, 2: places.UPPER}
+
+
+def allowed_names(names: Names, parameters: Iterable[str]) -> Collection[str]:
+    """Every name that an equation or the law of a force may use: the time, parameters, the vocabulary."""
+    return _Allowed({"t": None, **dict.fromkeys(parameters)}, names)
+
+
+class _Allowed(Collection[str]):
+    def __init__(self, own: Mapping[str, None], names: Names) -> None:
+        self.own, self.names = own, names
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.own or name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return itertools.chain(self.own, self.names)
+
+    def __len__(self) -> int:
+        return len(self.own) + len(self.names)
 
 
 class QuantityTable:
@@ -60,6 +83,15 @@ class QuantityTable:
         """Return the table for the core."""
         rows = np.array(list(self.rows), float).reshape(-1, 5)
         return make_quantities(self.arrays.tree, rows[:, :4].astype(np.int64), rows[:, 4])
+
+    def levels(self) -> Integers:
+        """Return where azimuth and elevation, by which angles keep their branch, are among the coordinates (count, 2); or -1."""
+        found, layout = np.full((len(self.rows), 2), -1, np.int64), self.arrays.layout
+        for k, (kind, row, _, _, _) in enumerate(self.rows):
+            if kind in (core.AZIMUTH, core.ELEVATION):
+                at = layout.place("psi", self.arrays.order[row])
+                found[k] = at - 1, at
+        return found
 
     def reference(self, coordinates: Array) -> Array:
         """Return the branches (count, 2) of azimuth and elevation that coordinates (N,) are on."""

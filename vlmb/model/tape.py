@@ -161,12 +161,14 @@ class _Builder:
 
     def sum(self, tree: Tree, terms: Sequence[Tree]) -> int | float:
         """Constants last; what depends on parameters or time alone first, so that it is not played at every state."""
-        constant, signed = 0.0, []
+        constant, signed = 0.0, list[tuple[int, bool, int]]()
         for term in terms:
             minus = term[0] == "neg"
             part = self.build(term[1] if minus else term)
             if isinstance(part, float):
                 constant += -part if minus else part
+            elif (opposite := (self.form[part].of, not minus, part)) in signed:
+                signed.remove(opposite)
             else:
                 signed.append((self.form[part].of, minus, part))
         if not signed:
@@ -186,6 +188,8 @@ class _Builder:
             constant *= part if isinstance(part, float) else 1.0
         if not abs(constant) < np.inf:
             raise ArithmeticError(f"a constant in it is {constant}")
+        if constant == 0.0:  # nothing is named by what is multiplied with 0
+            return 0.0
         slots = sorted((part for part in parts if isinstance(part, int)), key=lambda part: self.form[part].of)
         total = slots[0]
         for part in slots[1:]:

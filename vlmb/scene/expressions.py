@@ -23,7 +23,7 @@ from vlmb.scene.names import why_not
 
 Tree = tuple[Any, ...]
 
-MAX_CHARACTERS, MAX_NODES, MAX_DEPTH, MAX_EXPONENT, MAX_FACTORS = 1000, 200, 25, 64, 16
+MAX_CHARACTERS, MAX_NODES, MAX_DEPTH, MAX_EXPONENT = 1000, 200, 25, 64
 MAX_NUMBER = 1e300
 FUNCTIONS: Mapping[str, Callable[..., float]] = MappingProxyType(
     {"sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos, "atan": math.atan,

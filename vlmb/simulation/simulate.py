@@ -15,10 +15,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
+from vlmb.model.laws import law_breaks, law_jump
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import fits
 from vlmb.model.names import counted
-from vlmb.scene.laws import law_breaks, law_jump
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
@@ -280,9 +280,7 @@ def _sample_times(run: Run, t_eval: Sequence[float] | Array | None, t0: float) -
 def _breaks(system: System, t0: float, end: float) -> tuple[float, ...]:
     """Times in (t0, end) at which a law is not smooth; SceneError where a prescribed length jumps, or leaves its limits."""
     mechanism = system.mechanism
-    breaks: set[float] = set()
-    for law in system.forces.laws:
-        breaks |= set(law_breaks(law, t0, end))
+    breaks = set(system.forces.breaks(t0, end))
     coordinates = {c.name: c for c in mechanism.layout.coordinates}
     for at in system.prescribed:
         for t in law_breaks(at.law, t0, end):
@@ -294,8 +292,8 @@ def _breaks(system: System, t0: float, end: float) -> tuple[float, ...]:
                 )
             breaks.add(t)
         low, high = mechanism.segment(coordinates[at.name]).bounds
-        for t in np.linspace(t0, end, 1001).tolist():
-            length = at.law.value(t)
+        times = np.linspace(t0, end, 1001)
+        for t, length in zip(times.tolist(), at.law.values(times).tolist(), strict=True):
             if not low <= length <= high:
                 raise SceneError(
                     f"{at.name}: the law {at.law.text!r} gives {length:.6g} m at t = {t:.6g} s, outside [{low:g}, {high:g}]"

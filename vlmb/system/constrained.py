@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from vlmb.core.joints import rows_of_joints
 from vlmb.errors import SingularError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.forces import column
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
 
@@ -47,46 +47,38 @@ class ConstraintSolver:
         self.servo = len(scene.programme.constraints) if scene.programme else 0
         given = control_channels(mechanism)
         self.scales = control_scales(mechanism, given)
-        direct = [s for s, channel in enumerate(given) if channel.coordinate]
-        self.bent = [(s, channel) for s, channel in enumerate(given) if not channel.coordinate]
         info = rows.info if rows else ()
         self.info = info[: self.ideal + self.servo]
         self.programme = None if plan is None else ProgrammeControl(plan)
-        law = np.zeros((held + len(info), 3 * len(info) + len(rows.places if rows else ())))
+        law = np.zeros((held + len(info), 3 * len(info)))
         holonomic = np.array([row.holonomic for row in info], dtype=bool)
         h, k = np.diag(-(gain**2) * holonomic), np.diag(np.where(holonomic, -2.0 * gain, -gain))
         if plan is not None:
             servo, second = slice(self.ideal, self.ideal + self.servo), slice(self.ideal + self.servo, None)
             h[servo, servo], k[servo, servo] = plan.gains()
             h[second, second], k[second, second] = plan.secondary_gains()
-        law[held:, : 3 * len(info)] = np.hstack([h, k, -np.eye(len(info))])
-        self.law = law  # (z, z', drift, entries) -> what W vdot shall be
+        law[held:] = np.hstack([h, k, -np.eye(len(info))])
+        self.law = law  # (z, z', drift) -> what W vdot shall be
         self.count, self.n_controls = held + self.ideal, len(given)
         self.names = (("knife_edge",) if held else ()) + tuple(row.text for row in info[: self.ideal])
         down = self.n_controls + 1 + held + len(info)
-        self.memory = np.zeros(2 * down * nv + 3 * len(info))  # the table; and where z, z' and drift go when entries are put
-        self.table = self.memory[: 2 * down * nv].reshape(2, down, nv)
+        self.table = np.zeros((2, down, nv))
         self.free, self.apart = self.table
         self.right = self.free[: self.n_controls + 1 + self.count].T
         self.load, self.columns = self.free[self.n_controls], self.free[: self.n_controls]
         self.jacobian = self.free[self.n_controls + 1 :].T
         if held:
             self.jacobian[SIDEWAYS, 0] = 1.0
-        self.numbers = NOTHING
         self.shares = np.ones(self.n_controls + 1 + self.count)  # controls in their scales, 1 (of b), multipliers
         self.scaled = self.shares[: self.n_controls]
-        if self.rows is not None:
-            places = [self._place(direct, *place) for place in self.rows.places]
-            self.places = np.array([*range(2 * down * nv, len(self.memory)), *places], dtype=np.intp)
-            for place, value in self.rows.constants.items():
-                self.table.flat[self._place(direct, *place)] = value
+        self.first = self.n_controls + 1 + held  # of the rows in the table
+        self.layers = np.zeros(nv, np.int64)
+        self.layers[self.prescribed_dofs] = 1
+        self.numbers = np.zeros((3, len(info)))
+        self.wanted = self.numbers.ravel()
+        if rows is not None:
+            self.integers, self.buffers = rows.readings.integers, rows.readings.buffers()
         self.working = np.array([held + k for k, row in enumerate(info[: self.ideal]) if row.working], dtype=np.intp)
-
-    def _place(self, direct: Sequence[int], row: int, at: int) -> int:
-        """Flat place in `table` of an entry of the rows, or of the forces of `direct` controls that stand below them."""
-        assert self.rows is not None
-        down = self.n_controls + 1 + self.held + row if row < self.rows.count else direct[row - self.rows.count]
-        return ((at in self.prescribed_dofs) * len(self.free) + down) * self.free.shape[1] + at
 
     @property
     def needed(self) -> bool:
@@ -103,7 +95,7 @@ class ConstraintSolver:
         """Multipliers of the last solution, the knife edge's first where it is one."""
         return self.shares[self.n_controls + 1 :]
 
-    def solve(self, t: float, q: Array, v: Array, b: Array, given: Array | None, branch: Sequence[float]) -> Array | None:
+    def solve(self, t: float, q: Array, v: Array, b: Array, given: Array | None, branch: Array) -> Array | None:
         """Return vdot, None where M (crossed already, overwritten) is singular; leaves `shares`.
 
         `given` (nv,) are prescribed accelerations, None if all are 0. Raises SingularError for contradicting rows, and for a
@@ -113,13 +105,12 @@ class ConstraintSolver:
         self.load[:] = b
         wanted = NOTHING
         if rows is not None:
-            self.numbers = numbers = rows.numbers(self.frames, t, q, v, branch)
-            self.memory[self.places] = numbers
-            wanted = self.law.dot(numbers)
+            turning, places = self.frames.turning, (self.layers, self.first)
+            if not rows_of_joints(self.integers, self.buffers, t, q, v, turning, branch, *places, self.numbers, self.table):
+                self.require_finite()
+            wanted = self.law.dot(self.wanted)
         if self.held:
             wanted[0] = -self.gain * v.item(SIDEWAYS)
-        if self.bent:
-            self._bend(branch)
         if given is not None:
             wanted -= self.apart[n_controls + 1 :].dot(given)
         _, answer, info = lapack.dposv(self.frames.data.M, self.right, 0, 1)  # M overwritten
@@ -139,9 +130,12 @@ class ConstraintSolver:
         return result
 
     def require_finite(self) -> None:
-        """Raise SimulationError naming the rows without a finite value at the last solution."""
+        """Raise SimulationError, SingularError naming the rows or the control without a finite value at the last solution."""
         if self.rows is not None:
-            self.rows.require_finite(self.numbers)
+            both = self.free + self.apart
+            failure = self.rows.failure(self.buffers, self.numbers, both[self.first :], columns=both[: self.n_controls])
+            if failure is not None:
+                raise failure
 
     def forces(self) -> Array:
         """Return B u (nv,) of the last solution."""
@@ -162,14 +156,6 @@ class ConstraintSolver:
             at = self.working + n_controls + 1
             powers = np.concatenate([powers, (self.free[at] + self.apart[at]).dot(v) * self.shares[at]])
         return powers
-
-    def _bend(self, branch: Sequence[float]) -> None:
-        """Write the forces of hinge torques."""
-        for s, channel in self.bent:
-            column(channel, self.frames, branch, self.free[s])
-            self.free[s] *= self.scales[s]
-            self.apart[s, self.prescribed_dofs] = self.free[s, self.prescribed_dofs]
-            self.free[s, self.prescribed_dofs] = 0.0
 
     def _schur(self, matrix: Array, right: Array) -> Array:
         """Solve (J M^-1 J^T) x = right; the least x where rows repeat each other, SingularError where they contradict.

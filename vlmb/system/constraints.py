@@ -6,24 +6,27 @@ drift = (dz'/db) b' + (dz'/db') b''(vdot = 0) + dz'/dt (the paper's chi without 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, SimulationError
+from vlmb.core.joints import rows_of_joints
+from vlmb.errors import SceneError, SimulationError, VlmbError
+from vlmb.model.forms import RowFacts
 from vlmb.model.mechanism import Mechanism
-from vlmb.scene.expressions import Equation, parse_equation
+from vlmb.model.names import GeneralizedForce
+from vlmb.model.quantities import allowed_names
+from vlmb.scene.expressions import Equation, Expression, Tree, parse_equation
 from vlmb.scene.rows import Row, read_row
-from vlmb.scene.symbolic import compile_scalar, to_sympy
 from vlmb.system.frames import LinkFrames
-from vlmb.system.observables import Motion, Symbols, allowed_names
+from vlmb.system.readings import make_readings, no_direction
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,10 @@ class Constraint:
 
     text: str  # its key in results: its name, else its equation
     holonomic: bool
-    angle: bool  # z is a difference of angles: wrapped to (-pi, pi]
+    angle: bool  # z is a difference of angles: wrapped to [-pi, pi)
     names: frozenset[str]
     working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
     azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
-    swings: frozenset[int] = frozenset()  # links whose azimuth it reads: none of them may stand at the pole
 
 
 class RowValues(NamedTuple):
@@ -49,148 +51,96 @@ class RowValues(NamedTuple):
 
 
 class ConstraintSet:
-    """Compiled rows, and the forces conjugate to coordinates; never changed. Evaluating needs up-to-date frames.
+    """Compiled rows, and the forces of controls; never changed. Evaluating needs up-to-date frames.
 
     Ideal rows that equate two azimuths are taken in their regular form, cos psi sin(phi_i - phi_j) = 0 through the
-    directions, which has no pole. `pushed` are (coordinate, scale): their rows of L times the scale stand below W.
+    directions, which has no pole. `pushed` are (force, scale): what a force of that size is over v stands above W.
     """
 
     def __init__(
         self,
         mechanism: Mechanism,
         texts: Sequence[tuple[str, str, bool]],
-        pushed: Sequence[tuple[str, float]] = (),
+        pushed: Sequence[tuple[GeneralizedForce, float]] = (),
     ) -> None:
         """Compile (text, key path, ideal) rows."""
-        names = allowed_names(mechanism)
+        names = allowed_names(mechanism.names, mechanism.scene.parameters)
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [parse_equation(row.equation, row.key, names) for row in rows]
-        symbols = Symbols(mechanism)
-        ideals = [ideal for _, _, ideal in texts]
-        residuals = list(map(partial(_residual, symbols), equations, ideals))
-        self.info = tuple(map(partial(_classify, symbols), rows, equations, residuals, ideals))
+        pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]
+        roots = list(map(partial(_regular, mechanism), equations, pairs))
+        self.readings = make_readings(mechanism, roots, [force for force, _ in pushed], [scale for _, scale in pushed])
+        self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows, pairs))
         self.texts = tuple(info.text for info in self.info)
-        self.count = len(self.info)
+        self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
-        used = _used(symbols, residuals)
-        self.motion = Motion(symbols, [*used, *(name for name, _ in pushed if name not in used)])
-        self.function, self.places, self.constants = _compile(symbols, residuals, self.info, used, self.motion, pushed)
-        self.matrix = np.zeros((self.count + len(pushed), mechanism.layout.nv))  # with the entries that never change
-        for place, value in self.constants.items():
-            self.matrix[place] = value
-        self.matrix.flags.writeable = False
-        self.size = 3 * self.count + len(self.places)
-        self.varying = np.array([row * mechanism.layout.nv + at for row, at in self.places], dtype=np.intp)
-
-    def numbers(self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float]) -> Array:
-        """Return z, z', drift of z' (3 r), then the entries at `places`, (row, velocity), of W and what stands below it.
-
-        Entries that never change are in `constants`. All is nan where an equation has no value.
-        """
-        return np.fromiter(self.function(*self.motion.numbers(frames, t, q, v, branch)), float, self.size)
 
     def evaluate(
-        self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float], rows: Sequence[int] | None = None
-    ) -> RowValues:
+        self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float] | Array,
+        rows: Sequence[int] | None = None,
+    ) -> RowValues:  # fmt: skip
         """Evaluate all rows, or some by number, at a state whose frames are up to date; angles near `branch`.
 
         Raises SimulationError where an equation has no finite value, SingularError where one reads an azimuth at the pole.
         """
-        chosen, count = list(range(self.count) if rows is None else rows), self.count
-        needed: frozenset[int] = frozenset().union(*(self.info[k].swings for k in chosen))
-        read = self.motion.numbers(frames, t, q, v, branch, needed)
-        numbers = np.fromiter(self.function(*read), float, self.size)
-        self.require_finite(numbers, chosen)
-        matrix = self.matrix.copy()
-        matrix.put(self.varying, numbers[3 * count :])
-        z, rate, drift = numbers[: 3 * count].reshape(3, -1)[:, chosen]
-        return RowValues(z, rate, matrix[chosen], drift)
+        buffers, near, known = self.readings.buffers(), np.array(branch, float), np.zeros(self.nv, np.int64)
+        out, matrix = np.empty((3, self.count)), np.empty((1, self.pushed + self.count, self.nv))
+        fine = rows_of_joints(self.readings.integers, buffers, t, q, v, frames.turning, near, known, self.pushed, out, matrix)
+        jacobian, chosen = matrix[0, self.pushed :], list(range(self.count) if rows is None else rows)
+        if not fine:
+            failure = self.failure(buffers, out, jacobian, chosen)
+            if failure is not None:
+                raise failure
+        z, rate, drift = out[:, chosen]
+        return RowValues(z, rate, jacobian[chosen], drift)
 
-    def require_finite(self, numbers: Array, rows: Sequence[int] | None = None) -> None:
-        """Raise SimulationError naming the rows, of all or of some by number, without a finite value."""
-        if not np.isfinite(numbers).all():
-            bad = np.flatnonzero(~np.isfinite(numbers[: 3 * self.count]).reshape(3, -1).all(axis=0)).tolist()
-            entries = zip(self.places, numbers[3 * self.count :].tolist(), strict=True)
-            bad += [row for (row, _), entry in entries if not math.isfinite(entry)]
-            if rows is not None and not set(rows).intersection(bad):
-                return
-            asked = range(self.count) if rows is None else rows
-            named = " and ".join(repr(self.texts[k]) for k in sorted(set(bad).intersection(asked)))
-            raise SimulationError(f"the equation {named or ', '.join(map(repr, self.texts))} has no finite value here")
-
-
-def _residual(symbols: Symbols, equation: Equation, ideal: bool) -> Any:
-    azimuths = _azimuths(symbols, equation) if ideal else None
-    if azimuths is not None:
-        (ax, ay), (bx, by) = (_flat(symbols, name) for name in azimuths)
-        return ay * bx - ax * by
-    left = to_sympy(equation.left, symbols.table(sorted(equation.left.names)))
-    right = to_sympy(equation.right, symbols.table(sorted(equation.right.names)))
-    return left - right
+    def failure(
+        self, buffers: Array, out: Array, jacobian: Array, rows: Sequence[int] | None = None, columns: Array | None = None
+    ) -> VlmbError | None:
+        """Return the error of an evaluation that was not fine: of rows, all or some by number, or of the forces' `columns`."""
+        sizes = np.abs(out).sum(axis=0) + np.abs(jacobian).sum(axis=1)
+        bad = [k for k in (range(self.count) if rows is None else rows) if not np.isfinite(sizes[k])]
+        if bad:
+            obstacle = self.readings.obstacle(buffers, bad)
+            named = " and ".join(repr(self.texts[k]) for k in sorted(bad))
+            return obstacle or SimulationError(f"the equation {named} has no finite value here")
+        for force, column in zip(self.readings.forces, () if columns is None else columns, strict=False):
+            if not np.isfinite(column).all():
+                return no_direction(force, self.readings.layout)
+        return None
 
 
-def _azimuths(symbols: Symbols, equation: Equation) -> tuple[str, str] | None:
-    """Names of the two azimuths of an equation such as `phi1 = phi0`; None for any other."""
-    sides = equation.left.text.strip(), equation.right.text.strip()
-    heads = [name for name, b in symbols.variables.items() if b.kind in ("phi", "phi0")]
-    return (sides[0], sides[1]) if sides[0] in heads and sides[1] in heads and sides[0] != sides[1] else None
+def _azimuths(mechanism: Mechanism, equation: Equation) -> tuple[str, str] | None:
+    """Names of the coordinates of the two azimuths of an equation such as `phi1 = phi0`; None for any other."""
+    sides = []
+    for side in (equation.left, equation.right):
+        name = side.tree[1] if side.tree[0] == "name" else ""
+        quantity = mechanism.names.find(name) if name in mechanism.names else None
+        if quantity is None or quantity.rate or quantity.kind not in ("phi", "phi0"):
+            return None
+        sides.append(quantity.name)
+    return (sides[0], sides[1]) if sides[0] != sides[1] else None
 
 
-def _flat(symbols: Symbols, name: str) -> tuple[Any, Any]:
-    variable = symbols.variables[name]
-    if variable.kind == "phi0":
-        heading = symbols.value[name]
-        return symbols.sympy.cos(heading), symbols.sympy.sin(heading)
-    x, y, _ = symbols.direction(variable.link)
-    return x, y
+def _regular(mechanism: Mechanism, equation: Equation, azimuths: tuple[str, str] | None) -> Equation | Expression:
+    """Return d_1y d_2x - d_1x d_2y for two azimuths; any other equation as it is."""
+    if azimuths is None:
+        return equation
+    (ax, ay), (bx, by) = (_flat(mechanism, name) for name in azimuths)
+    tree: Tree = ("+", ("*", ay, bx), ("neg", ("*", ax, by)))
+    return Expression(equation.text, equation.names, equation.left.key, tree)
 
 
-def _classify(symbols: Symbols, row: Row, equation: Equation, residual: Any, ideal: bool) -> Constraint:
-    free = residual.free_symbols
-    values = {symbols.value[name] for name in symbols.value}
-    rates = {symbols.rate[name] for name in symbols.rate}
-    if not free & (values | rates):
+def _flat(mechanism: Mechanism, azimuth: str) -> tuple[Tree, Tree]:
+    """Return the trees of a direction's components on the snow."""
+    quantity = mechanism.names.find(azimuth)
+    if quantity.kind == "phi0":
+        return ("cos", ("name", azimuth)), ("sin", ("name", azimuth))
+    link = mechanism.layout.links[quantity.link].name
+    return ("name", f"{link}.direction.x"), ("name", f"{link}.direction.y")
+
+
+def _classify(row: Row, equation: Equation, facts: RowFacts, azimuths: tuple[str, str] | None) -> Constraint:
+    if not facts.moves:
         raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
-    holonomic = not free & rates
-    turning = {symbols.value[name] for name, b in symbols.variables.items() if b.kind in ("phi", "psi", "phi0")}
-    angle = holonomic and free & values <= turning and all(abs(residual.diff(s)) == 1 for s in free & values)
-    azimuths = _azimuths(symbols, equation) if ideal else None
-    driven = residual.diff(symbols.time) if holonomic else residual - sum(residual.diff(rate) * rate for rate in free & rates)
-    working = symbols.sympy.expand(driven) != 0
-    read = {name for name in symbols.variables if {symbols.value[name], symbols.rate[name]} & free}
-    swings = {symbols.variables[name].link for name in read if symbols.variables[name].kind == "phi"}
-    return Constraint(row.name, holonomic, bool(angle), equation.names, working, azimuths, frozenset(swings))
-
-
-def _used(symbols: Symbols, residuals: Sequence[Any]) -> list[str]:
-    free = set().union(*(residual.free_symbols for residual in residuals)) if residuals else set()
-    return [name for name in symbols.variables if symbols.value[name] in free or symbols.rate[name] in free]
-
-
-def _compile(
-    symbols: Symbols, residuals: Sequence[Any], info: Sequence[Constraint], used: Sequence[str], motion: Motion,
-    pushed: Sequence[tuple[str, float]],
-) -> tuple[Callable[..., tuple[float, ...]], list[tuple[int, int]], dict[tuple[int, int], float]]:  # fmt: skip
-    """One scalar function giving z, z', drift of z' and the varying entries of W; their places; the constant entries."""
-    sympy, b, rate = symbols.sympy, symbols.value, symbols.rate
-    z, speeds, drift, covectors = [], [], [], []
-    for residual, row in zip(residuals, info, strict=True):
-        speed = residual
-        if row.holonomic:
-            speed = sum((residual.diff(b[name]) * rate[name] for name in used), residual.diff(symbols.time))
-        slopes = {name: slope for name in used if (slope := speed.diff(rate[name])) != 0}
-        curve = speed.diff(symbols.time)
-        for name in used:
-            curve += speed.diff(b[name]) * rate[name] + slopes.get(name, 0) * motion.drifts[name]
-        wrapped = sympy.Function("remainder")(residual, sympy.Float(math.tau)) if row.angle else residual
-        z.append(wrapped if row.holonomic else sympy.Integer(0))
-        speeds.append(speed)
-        drift.append(curve)
-        covectors.append(motion.covector(slopes))
-    for name, scale in pushed:
-        covectors.append({at: scale * entry for at, entry in motion.covector({name: sympy.Integer(1)}).items()})
-    entries = {(row, at): entry for row, covector in enumerate(covectors) for at, entry in covector.items()}
-    constants = {place: float(entry) for place, entry in entries.items() if entry.is_Number}
-    varying = {place: entry for place, entry in entries.items() if place not in constants}
-    function = compile_scalar([*z, *speeds, *drift, *varying.values()], motion.arguments, motion.steps)
-    return function, list(varying), constants
+    return Constraint(row.name, facts.position, facts.angle, equation.names, facts.working, azimuths)

@@ -21,7 +21,7 @@ from vlmb.model.arrays import Arrays, make_arrays
 from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
-from vlmb.model.quantities import QuantityTable
+from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.expressions import Expression, parse
@@ -123,13 +123,15 @@ def make_core_plan(
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, watching)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
     works = {name: at for at, name in enumerate(work_names)}
+    allowed = allowed_names(mechanism.names, scene.parameters)
     roots: list[Expression] = []
     laws, forces, acting = [], [], []
-    for index, entry in enumerate(() if watching else scene.forces):
+    for index, entry in enumerate(scene.forces):
         if entry.on is not None and entry.law is not None:
             force = mechanism.names.force(entry.on, f"forces[{index}].on")
-            forces.append((table.along(force), len(roots), works[force.name]))
-            roots.append(_law(mechanism, entry.law, f"forces[{index}].law"))
+            if not watching:
+                forces.append((table.along(force), len(roots), works[force.name]))
+            roots.append(parse(entry.law, f"forces[{index}].law", allowed))
             laws.append((force.name, roots[-1].text))
             acting.append(force.name)
     for at, name in enumerate(inputs):
@@ -140,7 +142,7 @@ def make_core_plan(
     for length in prescribed:
         link, side = _owner(mechanism, length.name)
         driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works.get(length.force, 0)))
-        roots.append(_law(mechanism, length.law.text, length.law.expression.key))
+        roots.append(length.law.expression)
         laws.append((length.name, roots[-1].text))
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
@@ -155,13 +157,6 @@ def make_core_plan(
         bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
     )  # fmt: skip
     return CorePlan(arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events))
-
-
-def _law(mechanism: Mechanism, text: str | float, key: str) -> Expression:
-    """Read a law in the time, the parameters, and the quantities of the mechanism."""
-    scene = mechanism.scene
-    allowed = {"t", *scene.parameters}
-    return parse(text, key, allowed)
 
 
 def _owner(mechanism: Mechanism, coordinate: str) -> tuple[int, int]:

@@ -42,7 +42,7 @@ class Dense:
         prescribed: Sequence[Prescribed],
         projecting: bool,
         work_names: Sequence[str],
-        branch: list[float],
+        branch: Array,
         calls: list[int],
         diagnostics: Diagnostics,
     ) -> None:

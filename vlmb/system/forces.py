@@ -2,7 +2,7 @@
 
 A generalized force Q of the paper's coordinates enters as tau = L^T Q: Q_phi and Q_psi of link i make the torque
 N_i = (Q_phi / cos psi) u_psi - Q_psi u_phi, which has no part along d_i, and tau = J_i^T N_i with the angular Jacobian of
-the link. A torque along d_i would spin a thin rod up, so none is ever applied.
+the link. A torque along d_i would spin a thin rod up, so none is ever applied. vlmb/core/joints.py writes what each is over v.
 """
 
 from __future__ import annotations
@@ -16,69 +16,23 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, SimulationError, SingularError
+from vlmb.core.joints import forces_of_joints
+from vlmb.errors import SceneError, SimulationError
 from vlmb.model.arrays import pinocchio_states
-from vlmb.model.coordinates import POLE, read_angles
 from vlmb.model.frozen import read_only
+from vlmb.model.laws import tape_breaks
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import DOT, GeneralizedForce
+from vlmb.model.quantities import allowed_names
 from vlmb.model.reading import Postures, read_along
-from vlmb.scene.laws import Law, time_law
-from vlmb.system.frames import LinkFrames, Vector, between
+from vlmb.scene.expressions import Expression, parse
+from vlmb.system.frames import LinkFrames
+from vlmb.system.readings import Readings, make_readings, no_direction
 
 Array = NDArray[np.float64]
 Control = Callable[[float, "StateView"], Mapping[str, float]]
 
-
-def column(channel: GeneralizedForce, frames: LinkFrames, branch: Sequence[float], out: Array) -> Array:
-    """Write into `out` (nv,) the tau of a unit force in a channel; `branch` holds the last accepted coordinates.
-
-    Raises SingularError at the pole of M_phi, and for a hinge torque between lined-up links.
-    """
-    out[:] = 0.0
-    layout, i = frames.layout, channel.link
-    if channel.kind == "axis":
-        out[channel.v] = 1.0
-    elif channel.kind == "surface":
-        cosine, sine, _ = frames.heading()
-        out[:2] = (cosine, -sine) if channel.v == 0 else (sine, cosine)
-    elif layout.plane:
-        if channel.kind == "hinge":
-            out[channel.v] = 1.0
-        else:
-            hx, hy, _ = frames.heading()
-            frames.torque(i, (hy, -hx, 0.0), out)
-    elif channel.kind == "hinge":
-        parent = layout.links[i].parent
-        first = frames.heading() if parent < 0 else frames.direction(parent)
-        axis, sine, _ = between(first, frames.direction(i))
-        if sine < POLE:
-            raise SingularError(
-                f"T_{layout.links[i].name}: the link and its parent line up, where this hinge torque has no axis; "
-                "bend the hinge at the start, or use M_psi or a spring between directions"
-            )
-        frames.torque(i, axis, out)
-        frames.torque(parent, (-axis[0], -axis[1], -axis[2]), out)
-    else:
-        at = layout.index[f"psi{i + 1}"]
-        phi, psi = read_angles(frames.direction(i), (branch[at - 1], branch[at]))
-        frames.torque(i, moment(channel, phi, psi), out)
-    return out
-
-
-def moment(channel: GeneralizedForce, phi: float, psi: float) -> Vector:
-    """Torque N_i of a unit M_phi or M_psi: u_psi / cos psi, or -u_phi. Raises SingularError at the pole of M_phi."""
-    sin_phi, cos_phi = math.sin(phi), math.cos(phi)
-    if channel.kind == "psi":
-        return sin_phi, -cos_phi, 0.0
-    cos_psi, sin_psi = math.cos(psi), math.sin(psi)
-    if abs(cos_psi) < POLE:
-        raise SingularError(
-            f"{channel.name}: link {channel.link + 1} stands at the pole (|cos psi| < {POLE:g}), where the torque "
-            "M_phi / cos(psi) is unbounded; use a hinge torque T_<link> or an equation for the link's direction"
-        )
-    return -cos_phi * sin_psi / cos_psi, -sin_phi * sin_psi / cos_psi, 1.0
 
 
 class StateView:
@@ -154,26 +108,36 @@ class AppliedForces:
     """Which generalized forces act: those of laws, then the inputs, forces whose values come from outside, as of a control."""
 
     channels: tuple[GeneralizedForce, ...]
-    laws: tuple[Law, ...]
+    laws: tuple[Expression, ...]
     inputs: tuple[str, ...] | None  # None: nothing comes from outside
+    readings: Readings | None  # of the laws; None: nothing acts
 
     @property
     def needed(self) -> bool:
         """Whether there is any; a control may give none at first and be refused later."""
         return bool(self.channels) or self.inputs is not None
 
+    def breaks(self, start: float, end: float) -> tuple[float, ...]:
+        """Return the times in (start, end) where a law switches in time. Raises SceneError for too many."""
+        if self.readings is None:
+            return ()
+        texts = ", ".join(law.text for law in self.laws)
+        return tape_breaks(self.readings.compiled, self.readings.parameters, start, end, texts)
+
 
 def applied_forces(mechanism: Mechanism, inputs: Sequence[str] | None) -> AppliedForces:
     """Collect a scene's forces and the named inputs. Raises SceneError for a force that cannot exist."""
     scene = mechanism.scene
+    allowed = allowed_names(mechanism.names, scene.parameters)
     found: list[GeneralizedForce] = []
-    laws: list[Law] = []
+    laws: list[Expression] = []
     for index, force in enumerate(scene.forces):
         if force.on is not None and force.law is not None:
             found.append(mechanism.names.force(force.on, f"forces[{index}].on"))
-            laws.append(time_law(force.law, scene.parameters, f"forces[{index}].law"))
+            laws.append(parse(force.law, f"forces[{index}].law", allowed))
     found += [mechanism.names.force(name, "control") for name in inputs or ()]
-    return AppliedForces(tuple(found), tuple(laws), None if inputs is None else tuple(inputs))
+    readings = make_readings(mechanism, laws, found) if found else None
+    return AppliedForces(tuple(found), tuple(laws), None if inputs is None else tuple(inputs), readings)
 
 
 class ForceWriter:
@@ -187,30 +151,41 @@ class ForceWriter:
         self.channels, self.laws, self.inputs = forces.channels, forces.laws, forces.inputs or ()
         self.held = [math.nan] * len(self.inputs)
         self.reader = None if control is None else ControlReader(control, self.inputs)
-        self.values = np.zeros(len(self.channels))
-        self.columns = np.zeros((len(self.channels), mechanism.layout.nv))
-        self.constant = all(channel.kind == "axis" for channel in self.channels)
-        if self.constant:
-            self._write_columns(())
+        self.values, self.layers = np.zeros(len(self.channels)), np.zeros(mechanism.layout.nv, np.int64)
+        self.table = np.zeros((1, len(self.channels), mechanism.layout.nv))
+        self.columns = self.table[0]
+        if forces.readings is not None:
+            self.integers, self.buffers = forces.readings.integers, forces.readings.buffers()
 
-    def add(self, t: float, q: Array, v: Array, tau: Array, branch: Sequence[float]) -> None:
+    def add(self, t: float, q: Array, v: Array, tau: Array, branch: Array) -> None:
         """Add the tau of every applied force; the frames must be up to date.
 
-        Angles are read on the branch nearest to `branch`.
+        Angles are read on the branch nearest to `branch`. Raises SingularError for a force without a direction, and for a law
+        that reads an azimuth at the pole.
         """
-        for at, law in enumerate(self.laws):
-            self.values[at] = law.value(t)
-        if self.forces.inputs is not None:
+        if self.inputs:
             self.values[len(self.laws) :] = self.held if self.reader is None else self.ask(t, q, v, branch)
-        if not self.constant:
-            self._write_columns(branch)
+        elif self.reader is not None:
+            self.ask(t, q, v, branch)
+        if not self.channels:
+            return
+        turning = self.frames.turning
+        if not forces_of_joints(self.integers, self.buffers, t, q, v, turning, branch, self.layers, self.values, self.table):
+            self.require_directions()
         tau += self.values.dot(self.columns)
 
-    def _write_columns(self, branch: Sequence[float]) -> None:
-        for at, channel in enumerate(self.channels):
-            column(channel, self.frames, branch, self.columns[at])
+    def require_directions(self) -> None:
+        """Raise SingularError for a force that has no direction, or a law that reads an azimuth at the pole."""
+        assert self.forces.readings is not None
+        failed = np.flatnonzero(~np.isfinite(self.values[: len(self.laws)]))
+        obstacle = self.forces.readings.obstacle(self.buffers, failed.tolist())
+        if obstacle is not None:
+            raise obstacle
+        for channel, column in zip(self.channels, self.columns, strict=True):
+            if not np.isfinite(column).all():
+                raise no_direction(channel, self.frames.layout)
 
-    def ask(self, t: float, q: Array, v: Array, branch: Sequence[float]) -> list[float]:
+    def ask(self, t: float, q: Array, v: Array, branch: Sequence[float] | Array) -> list[float]:
         """Ask the control; its forces in the order of `inputs`."""
         assert self.reader is not None
         return self.reader.ask(StateView(self.mechanism, t, self.mechanism.postures((q, v)), branch, State(q, v)))

@@ -44,6 +44,12 @@ class LinkFrames:
         return angular
 
     @cached_property
+    def turning(self) -> Array:
+        """The world's Jacobian, transposed (nv, 6): the last three columns are what each velocity turns about."""
+        turning: Array = self.data.J.T
+        return turning
+
+    @cached_property
     def axes(self) -> list[Array]:
         """Rotations of the links' hinges."""
         return [self.data.oMi[link.joint].rotation for link in self.layout.links]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from vlmb.model.laws import Law, time_law
 from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
-from vlmb.scene.laws import Law, time_law
 
 
 class Prescribed(NamedTuple):

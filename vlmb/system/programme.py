@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, nearest
+from vlmb.model.laws import Law, time_law
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
-from vlmb.scene.laws import Law, time_law
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 from vlmb.system.constraints import Constraint, ConstraintSet
 from vlmb.system.gains import gain_matrices, stability_report
@@ -98,8 +98,7 @@ def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
         texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
     acting = control_channels(mechanism)
     scales = control_scales(mechanism, acting).tolist()
-    pushed = [(channel.coordinate, scale) for channel, scale in zip(acting, scales, strict=True) if channel.coordinate]
-    return ConstraintSet(mechanism, texts, pushed) if texts else None
+    return ConstraintSet(mechanism, texts, list(zip(acting, scales, strict=True))) if texts else None
 
 
 class ProgrammeControl:

@@ -146,7 +146,7 @@ class System:
         """Whether forces need the branch of an angle, and so the last accepted sample."""
         angular = any(channel.kind in ("phi", "psi") for channel in self.forces.channels)
         outside = self.forces.inputs is not None
-        return self.constraints is not None or outside or (angular and not self.mechanism.layout.plane)
+        return self.constraints is not None or outside or (bool(angular or self._named) and not self.mechanism.layout.plane)
 
     @cached_property
     def angled(self) -> frozenset[int]:
@@ -154,11 +154,16 @@ class System:
         layout = self.mechanism.layout
         if self.forces.inputs is not None:
             return frozenset(range(len(layout.links)))
-        rows = [row for row in self.constraints.info if not row.azimuths] if self.constraints else []
-        read = {name.removesuffix("_dot") for row in rows for name in row.names}
         acting = {*self.forces.channels, *control_channels(self.mechanism)}
-        found = {channel.link for channel in acting if channel.kind in ("phi", "psi")}
-        return frozenset(found | {c.link for c in layout.coordinates if c.kind in ("phi", "psi") and c.name in read})
+        return self._named | {channel.link for channel in acting if channel.kind in ("phi", "psi")}
+
+    @cached_property
+    def _named(self) -> frozenset[int]:
+        """Links whose azimuth or elevation an equation or a law names."""
+        rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
+        names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters}
+        read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.laws)) for name in group - own]
+        return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
@@ -215,7 +220,7 @@ class Workspace:
         self.springs = SegmentSprings(system.segments, self.nq)
         self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver)
         self._calls = [0]
-        self._branch = [0.0] * len(self.layout.names) if branch is None else list(branch)
+        self._branch = np.zeros(len(self.layout.names)) if branch is None else np.array(branch, float)
         self._dense = Dense(
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
             self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
@@ -230,7 +235,7 @@ class Workspace:
     @property
     def branch(self) -> list[float]:
         """Coordinates of the last accepted state, near which `rhs` reads angles."""
-        return list(self._branch)
+        return list(map(float, self._branch))
 
     @branch.setter
     def branch(self, values: Sequence[float]) -> None:
@@ -265,7 +270,7 @@ class Workspace:
         if self.solver.programme is not None:
             self.rhs(t, y)
             self.solver.programme.accept()
-        found, time = next_branch(self.frames, *self.unpack(t, y), self._branch, self.system.angled)
+        found, time = next_branch(self.frames, *self.unpack(t, y), self.branch, self.system.angled)
         self.branch = found
         return found, time
 
