@@ -232,7 +232,7 @@ def rows_of_joints(
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ROOTS_END])
     fine, residual = True, table(reals, i, packed.RESIDUAL, 3)
     for r in range(tape.root.shape[0]):
-        write_residual(tape, buffers, r, form[r], residual)
+        write_residual(tape, buffers, r, form[r], r, residual)
         gradient(tape, buffers, r, False)
         clear(line)
         sound = finite(residual[r, 0] + residual[r, 1] + residual[r, 2])

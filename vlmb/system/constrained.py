@@ -17,6 +17,7 @@ from vlmb.core.joints import rows_of_joints
 from vlmb.errors import SingularError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constraints import ConstraintSet
+from vlmb.system.core_rows import gain_table
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
 
@@ -51,12 +52,7 @@ class ConstraintSolver:
         self.info = info[: self.ideal + self.servo]
         self.programme = None if plan is None else ProgrammeControl(plan)
         law = np.zeros((held + len(info), 3 * len(info)))
-        holonomic = np.array([row.holonomic for row in info], dtype=bool)
-        h, k = np.diag(-(gain**2) * holonomic), np.diag(np.where(holonomic, -2.0 * gain, -gain))
-        if plan is not None:
-            servo, second = slice(self.ideal, self.ideal + self.servo), slice(self.ideal + self.servo, None)
-            h[servo, servo], k[servo, servo] = plan.gains()
-            h[second, second], k[second, second] = plan.secondary_gains()
+        h, k = gain_table(info, plan, self.ideal, gain)
         law[held:] = np.hstack([h, k, -np.eye(len(info))])
         self.law = law  # (z, z', drift) -> what W vdot shall be
         self.count, self.n_controls = held + self.ideal, len(given)

@@ -68,8 +68,8 @@ class ConstraintSet:
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [parse_equation(row.equation, row.key, names) for row in rows]
         pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]
-        roots = list(map(partial(_regular, mechanism), equations, pairs))
-        self.readings = make_readings(mechanism, roots, [force for force, _ in pushed], [scale for _, scale in pushed])
+        self.roots = tuple(map(partial(_regular, mechanism), equations, pairs))  # as they are compiled
+        self.readings = make_readings(mechanism, self.roots, [force for force, _ in pushed], [scale for _, scale in pushed])
         self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows, pairs))
         self.texts = tuple(info.text for info in self.info)
         self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv

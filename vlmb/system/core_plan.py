@@ -15,6 +15,7 @@ from vlmb.core import plant as core
 from vlmb.core import springs as core_springs
 from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
+from vlmb.core.row_arrays import no_rows
 from vlmb.core.springs import AngleSprings
 from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
@@ -24,11 +25,14 @@ from vlmb.model.names import counted
 from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
-from vlmb.scene.expressions import Expression, parse
+from vlmb.scene.expressions import Equation, Expression, parse
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
+from vlmb.system.constraints import ConstraintSet
+from vlmb.system.core_rows import make_rows
 from vlmb.system.events import BOTH_WAYS, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
 from vlmb.system.prescribed import Prescribed
+from vlmb.system.programme import ProgrammePlan
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
@@ -92,15 +96,9 @@ class CorePlan:
         return self.arrays.postures(states[:, : self.positions + self.velocities], self.given_at(memory, t))
 
 
-def obstacle(mechanism: Mechanism, run: Run) -> str | None:
+def obstacle(mechanism: Mechanism) -> str | None:
     """Say what keeps a scene from the core; None where nothing does."""
     scene = mechanism.scene
-    if scene.constraints:
-        return "`constraints`"
-    if scene.programme is not None:
-        return "a `programme`"
-    if scene.base.kind == "ski" and run.knife_edge != "reduction":
-        return f"knife_edge = {run.knife_edge!r}"
     if scene.base.kind == "ski" and scene.plane:
         return "plane = true on a ski"
     return None
@@ -108,7 +106,8 @@ def obstacle(mechanism: Mechanism, run: Run) -> str | None:
 
 def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
-    inputs: Sequence[str], work_names: Sequence[str], watching: bool = False,
+    inputs: Sequence[str], work_names: Sequence[str], constraints: ConstraintSet | None = None,
+    programme: ProgrammePlan | None = None, watching: bool = False,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
@@ -116,15 +115,17 @@ def make_core_plan(
     ----------
     inputs : forces whose values come from outside
     work_names : of the work states in their order
+    constraints : ideal rows, those of the programme, secondary ones
     watching : the core only looks for events, on a ski that may slip sideways; another engine moves
 
     Raises SceneError for an unknown force, ExpressionError for a law that cannot be read.
     """
-    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, watching)
+    sliding = watching or run.knife_edge != "reduction"
+    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
     works = {name: at for at, name in enumerate(work_names)}
     allowed = allowed_names(mechanism.names, scene.parameters)
-    roots: list[Expression] = []
+    roots: list[Expression | Equation] = []
     laws, forces, acting = [], [], []
     for index, entry in enumerate(scene.forces):
         if entry.on is not None and entry.law is not None:
@@ -144,10 +145,15 @@ def make_core_plan(
         driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works.get(length.force, 0)))
         roots.append(length.law.expression)
         laws.append((length.name, roots[-1].text))
+    rows = no_rows() if watching else make_rows(mechanism, run, constraints, programme, table, len(roots), works)
+    if len(rows.table) and constraints is not None:
+        roots += constraints.roots
+    if len(rows.table) and programme is not None and programme.free is not None:
+        roots.append(programme.free.expression)
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and (watching or roots or _reads_angles(table)):
+    if not events and (watching or roots or len(rows.table) or _reads_angles(table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
@@ -155,6 +161,7 @@ def make_core_plan(
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
         bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
+        rows=rows,
     )  # fmt: skip
     return CorePlan(arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events))
 

@@ -110,7 +110,7 @@ def make_readings(
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, roots), parameters) | {
         packed.KIND: quantities.kind, packed.TREE_SHAPE: arrays.tree.shape, packed.LINK: arrays.tree.link,
         packed.JOINT_SHAPE: np.array([layout.plane, layout.base_size]), packed.JOINT: _joints(arrays),
-        packed.FORM: np.array([_form(row.position, row.angle) for row in compiled.rows], np.int64),
+        packed.FORM: np.array([form_of_row(row.position, row.angle) for row in compiled.rows], np.int64),
         packed.LEVELS: table.levels(), packed.ALONG: np.array(along, np.int64),
         packed.OFFSET: quantities.offset, packed.SHARE: quantities.share, packed.BASE: arrays.tree.base,
         packed.REAL: arrays.tree.real, packed.GIVEN: arrays.given,
@@ -123,7 +123,8 @@ def make_readings(
     return Readings(layout, arrays, table, compiled, parameters, tuple(forces), pack(parts))
 
 
-def _form(position: bool, angle: bool) -> int:
+def form_of_row(position: bool, angle: bool) -> int:
+    """Return the form of a row as the core has it."""
     return rows.OF_ANGLES if angle else rows.OF_POSITIONS if position else rows.OF_VELOCITIES
 
 

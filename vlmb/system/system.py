@@ -125,7 +125,7 @@ class System:
         """What evaluates the motion: `core` or `pinocchio`. SceneError where the core is asked for and does not serve."""
         if self.run.engine == "pinocchio":
             return "pinocchio"
-        why = obstacle(self.mechanism, self.run)
+        why = obstacle(self.mechanism)
         if why is not None and self.run.engine == "core":
             raise SceneError(f"run.engine = 'core': it does not serve {why}; use 'pinocchio', or 'auto'")
         return "core" if why is None else "pinocchio"
@@ -134,7 +134,10 @@ class System:
     def core_plan(self) -> CorePlan:
         """What the compiled core runs."""
         inputs = self.forces.inputs or ()
-        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, inputs, self.work_names)
+        return make_core_plan(
+            self.mechanism, self.run, self.direction_springs, self.prescribed, inputs, self.work_names, self.constraints,
+            self.programme,
+        )  # fmt: skip
 
     @cached_property
     def watch_plan(self) -> CorePlan:

@@ -1,0 +1,59 @@
+"""Rows and a programme as the compiled core has them: forms, gains, scales; and what the last solution of an engine means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core.row_arrays import ALONG, CONTROLS, FIRST, FORM, FREE, HELD, IDEAL, PROJECTED, SECOND, SERVO, WORK, Rows, no_rows
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.quantities import QuantityTable
+from vlmb.scene.tables import Run
+from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.programme import ProgrammePlan, control_channels, control_scales
+from vlmb.system.readings import form_of_row
+
+Array = NDArray[np.float64]
+
+
+def gain_table(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: int, gain: float) -> tuple[Array, Array]:
+    """Return H and K (n, n), W vdot = H z + K z' - drift, of ideal rows (by Baumgarte), a programme and its secondary rows."""
+    holonomic = np.array([row.holonomic for row in info], dtype=bool)
+    h, k = np.diag(-(gain**2) * holonomic), np.diag(np.where(holonomic, -2.0 * gain, -gain))
+    if plan is not None:
+        servo, second = slice(ideal, ideal + len(plan.texts)), slice(ideal + len(plan.texts), None)
+        h[servo, servo], k[servo, servo] = plan.gains()
+        h[second, second], k[second, second] = plan.secondary_gains()
+    return h, k
+
+
+def make_rows(
+    mechanism: Mechanism, run: Run, constraints: ConstraintSet | None, plan: ProgrammePlan | None, table: QuantityTable,
+    first: int, works: Mapping[str, int],
+) -> Rows:  # fmt: skip
+    """Make the rows of a scene for the core; `first` is the root of the tape of the first one, u0 has the one after the last.
+
+    works : work states by name
+    """
+    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    info = constraints.info if constraints is not None else ()
+    if not (held or info):
+        return no_rows()
+    ideal, servo = len(mechanism.scene.constraints), len(plan.texts) if plan is not None else 0
+    acting = control_channels(mechanism)
+    numbers = np.full((1 + len(info) + len(acting), 8), -1, np.int64)
+    numbers[0, [HELD, IDEAL, SERVO, SECOND]] = held, ideal, servo, len(info) - ideal - servo
+    numbers[0, [CONTROLS, FIRST, PROJECTED]] = len(acting), first, held and run.knife_edge == "projection"
+    if plan is not None and plan.free is not None:
+        numbers[0, FREE] = first + len(info)
+    for k, row in enumerate(info):
+        numbers[1 + k, FORM] = form_of_row(row.holonomic, row.angle)
+        numbers[1 + k, WORK] = works[row.text] if k < ideal and row.working else -1
+    for k, force in enumerate(acting):
+        numbers[1 + len(info) + k, [ALONG, WORK]] = table.along(force), works[force.name]
+    gains = np.zeros((len(info) + 1, max(2 * len(info), len(acting) + 1)))
+    gains[: len(info), : 2 * len(info)] = np.hstack(gain_table(info, plan, ideal, run.gain))
+    gains[-1, : len(acting) + 1] = *control_scales(mechanism, acting), run.gain
+    return Rows(numbers, gains)
