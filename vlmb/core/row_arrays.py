@@ -18,7 +18,8 @@ HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED = range(8)
 # Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control.
 FORM, WORK = range(2)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
-SIDE, SIDE_BEFORE, REPEATING = range(3)  # of `state` of a space: sign of det G now, at the last accepted step; whether rows of G repeat
+# Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other.
+SIDE, SIDE_BEFORE, REPEATING = range(3)
 PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the knife edge; velocities 0
 
 
@@ -96,6 +97,13 @@ def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: 
         np.zeros((whole + 2 * controls + eliminated + 1, velocities)), np.zeros((height, width)), np.zeros((2, size)),
         np.zeros((links, 6)),
     )  # fmt: skip
+
+
+def parts(sizes: Sizes, memory: RowMemory) -> Space:
+    """Name the parts of the memory for Python."""
+    lay_out = getattr(view, "py_func", view)  # compiled code returns no parts of arrays
+    named: Space = lay_out(sizes, memory)
+    return named
 
 
 @kernel(copied=True)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 
 from vlmb.core import tree as of
-from vlmb.core.driver import EVALUATE, FAILURE, H_MAX, INDICATE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import EVALUATE, FAILED, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, RATE, TIME, VALUE, Driver
 from vlmb.core.jit import kernel
 from vlmb.core.march import march
 from vlmb.core.places import link_direction
 from vlmb.core.plant import (
     BOUND,
     FORM,
+    FROM_SIDE,
     LINE_UP,
     NOTHING,
     QUANTITY,
     SIDE,
+    SOURCES,
     SWITCH,
     WHICH,
     Memory,
@@ -24,6 +26,8 @@ from vlmb.core.plant import (
     evaluate,
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
+from vlmb.core.row_arrays import SIDE as DET_SIDE
+from vlmb.core.row_arrays import SIDE_BEFORE, sizes_of, view
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
@@ -45,17 +49,29 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
         if code == EVALUATE:
             answers[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
         elif code == INDICATE:
-            accept(plant, memory, driver.point)
+            if accept(plant, memory, driver.point) != 0:
+                answers[FIRST_FAILURE] = FROM_SIDE * SOURCES
+                return FAILED
             real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
             indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
     return code
 
 
 @kernel
-def accept(plant: Plant, memory: Memory, y: Array) -> None:
-    """Move the branches of angles to a state of the motion: by them angles are read until the next one."""
+def accept(plant: Plant, memory: Memory, y: Array) -> int:
+    """Move the branches of angles to a state of the motion: by them angles are read until the next one.
+
+    Return 1 where det G of a programme with as many controls as rows has changed its sign since the last one, else 0. G is
+    that of the last evaluation, at this state or a guess of it.
+    """
     follow(plant.quantities, plant.tree, y, memory.reference)
     follow_springs(plant.springs, plant.tree, y, memory.near)
+    if plant.rows.table.shape[0] == 0:
+        return 0
+    state = view(sizes_of(plant.rows), memory.rows).state
+    turned = 1 if state[DET_SIDE] * state[SIDE_BEFORE] < 0.0 else 0
+    state[SIDE_BEFORE] = state[DET_SIDE]
+    return turned
 
 
 @kernel

@@ -7,18 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core import tree as faults
 from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, TIME, Driver
 from vlmb.core.march import march
-from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FROM_SPRING, SOURCES, evaluate, make_memory
+from vlmb.core.plant import FROM_SIDE, SOURCES, evaluate, make_memory, onto_edge
+from vlmb.core.row_arrays import PROJECTION
 from vlmb.core.run import accept, indicate, longest_step, run
 from vlmb.core.springs import line_ups
-from vlmb.errors import SimulationError, SingularError, VlmbError
+from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
+from vlmb.system.core_faults import fault
 from vlmb.system.core_plan import CorePlan
+from vlmb.system.core_rows import solved_programme
 from vlmb.system.events import Event
 from vlmb.system.forces import Control, ControlReader, StateView, known_rows
+from vlmb.system.programme import weakness
 
 Array = NDArray[np.float64]
 
@@ -38,6 +41,7 @@ class CoreEngine:
         self.branch = self.start = np.zeros(len(mechanism.layout.names))
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
         self.scratch = np.zeros((9, len(plan.events)))
+        self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -71,8 +75,15 @@ class CoreEngine:
         return dy
 
     def accept(self, t: float, y: Array) -> None:
-        """Take a state as the one near which angles are read."""
-        accept(self.plan.plant, self.memory, y)
+        """Take a state as the one near which angles are read. Raises SingularError beyond a programme's singular posture."""
+        if self.programme is not None:
+            self.evaluate(t, y)
+            self.grip = self.grip or float(np.linalg.svd(self._matrix(), compute_uv=False)[-1])
+        self._accepted(t, y)
+
+    def _accepted(self, t: float, y: Array) -> None:
+        if accept(self.plan.plant, self.memory, y):
+            raise self.fault(FROM_SIDE * SOURCES)
         if self.reader is not None:
             self.branch = self.view(t, y).coordinates
 
@@ -83,8 +94,12 @@ class CoreEngine:
         return float(self.memory.lines[names.index(event.name), 0])
 
     def why(self, t: float, y: Array) -> str:
-        """Add nothing: the core's codes name what is singular."""
-        return ""
+        """Add what the programme says about a place where a run failed; the core's codes name all else that is singular."""
+        return "" if self.programme is None else weakness(self.programme, self._matrix(), self.grip)
+
+    def _matrix(self) -> Array:
+        """Return G of the programme at the last solution."""
+        return solved_programme(self.plan.plant.rows, self.memory.rows)[0]
 
     def raised(self, error: BaseException) -> bool:
         """Whether an error is one that the control raised."""
@@ -96,8 +111,13 @@ class CoreEngine:
             self.asked.append(np.array(self._ask(t, y)))
 
     def stored(self, t: Array, states: Array) -> Array:
-        """Return the samples as a trajectory stores them."""
-        return states
+        """Return the samples as a trajectory stores them: velocities on the knife edge where they are projected."""
+        found, dy = np.array(states), np.zeros(self.size)
+        if self.plan.projected:
+            for time, y in zip(t.tolist(), found, strict=True):
+                if onto_edge(self.plan.plant, self.memory, time, y, dy) == 0:
+                    y[:] = self.memory.rows.state[PROJECTION]
+        return found
 
     def sampled(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Return the control's forces (N, S) at samples, nan where not known, and the branch (1, coordinates) of the start."""
@@ -117,54 +137,7 @@ class CoreEngine:
 
     def fault(self, code: int) -> VlmbError:
         """Make the error of an evaluation's code."""
-        source, what = divmod(code, SOURCES)
-        table, links = self.plan.table, self.mechanism.layout.links
-        if source == FROM_LAW:
-            return SimulationError(f"the law {self._law(what)!r} of the force on {self.plan.acting[what]} has no finite value")
-        if source == FROM_FORCE:
-            return self._no_force(what)
-        if source == FROM_SPRING:
-            spring = self.plan.springs[what]
-            return SingularError(
-                f"{spring.name}: the two directions line up, where a spring with rest = {spring.rest:g} has no axis to turn "
-                "about; start elsewhere or use rest = 0"
-            )
-        if source == FROM_QUANTITY:
-            which, _ = divmod(what, 3)
-            return SingularError(f"{table.labels[which]} has no value here: it stands at its pole")
-        assert source == FROM_LINKS
-        fault, row = divmod(what, faults.PLACES)
-        name = links[self.plan.arrays.order[row]].name if row < len(links) else "the base"
-        return self._without_inertia(fault, name)
-
-    def _without_inertia(self, fault: int, name: str) -> VlmbError:
-        if fault == faults.NO_DIRECTION:
-            return SimulationError(f"the state of {name} is not finite: a position or velocity is too large to compute with")
-        motion = {
-            faults.FREE_TIP: f"a free segment of {name!r} moves its tip along the link",
-            faults.FREE_ROD: f"the rod of {name!r} slides between two free segments",
-            faults.TURNING: f"{name!r} turns about its hinge",
-            faults.FREE_BASE: "the base moves",
-        }[fault]
-        hints = " ".join(self.mechanism.warnings)
-        return SingularError(f"the mass matrix is singular: {motion} without inertia. {hints}".rstrip())
-
-    def _no_force(self, k: int) -> VlmbError:
-        """Say why a force has no direction: an azimuth at its pole, or two directions in line."""
-        name = self.plan.acting[k]
-        if name.startswith("T_"):
-            return SingularError(
-                f"{name}: the link and its parent line up, where this hinge torque has no axis; bend the hinge at the start, "
-                "or use M_psi or a spring between directions"
-            )
-        link = self.mechanism.names.forces[name].link
-        return SingularError(
-            f"{name}: link {link + 1} stands at the pole, where the torque M_phi / cos(psi) is unbounded; use a hinge torque "
-            "T_<link> or an equation for the link's direction"
-        )
-
-    def _law(self, k: int) -> str:
-        return self.plan.laws[k][1] if k < len(self.plan.laws) else "control"
+        return fault(self.mechanism, self.plan, self.memory, code)
 
     def _run_controlled(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """The same as the compiled run, with the control asked at every evaluation and once for every sample."""
@@ -179,7 +152,7 @@ class CoreEngine:
                 except VlmbError:
                     counts[FAILURE] = CONTROLLED
             elif code == INDICATE:
-                self.accept(float(real[TIME]), driver.point)
+                self._accepted(float(real[TIME]), driver.point)
                 real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
             else:

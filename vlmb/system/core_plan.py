@@ -15,7 +15,7 @@ from vlmb.core import plant as core
 from vlmb.core import springs as core_springs
 from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
-from vlmb.core.row_arrays import no_rows
+from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings
 from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
@@ -52,6 +52,9 @@ class CorePlan:
     laws: tuple[tuple[str, str], ...]  # of every root: the force or length it gives, and its text
     acting: tuple[str, ...]  # names of the forces, laws first, then inputs
     events: tuple[Event, ...]
+    row_names: tuple[str, ...] = ()  # the knife edge where a multiplier holds it, ideal rows, those of the programme, secondary
+    controls: tuple[str, ...] = ()  # of the programme
+    programme: ProgrammePlan | None = None
 
     def __repr__(self) -> str:
         sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
@@ -66,6 +69,11 @@ class CorePlan:
     def velocities(self) -> int:
         """Number of velocities in a state."""
         return self.arrays.velocities
+
+    @property
+    def projected(self) -> bool:
+        """Whether velocities are projected onto the knife edge."""
+        return len(self.plant.rows.table) > 0 and bool(self.plant.rows.table[0, PROJECTED])
 
     def spring_angles(self, coordinates: Array) -> Array:
         """Return the signed angles (springs,) [rad] of springs in a plane that coordinates (N,) are on the branch of."""
@@ -163,7 +171,11 @@ def make_core_plan(
         bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
         rows=rows,
     )  # fmt: skip
-    return CorePlan(arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events))
+    names = (*(("knife_edge",) if len(rows.table) and rows.table[0, HELD] else ()), *(constraints.texts if constraints else ()))
+    return CorePlan(
+        arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
+        programme.names if programme is not None else (), programme,
+    )  # fmt: skip
 
 
 def _owner(mechanism: Mechanism, coordinate: str) -> tuple[int, int]:

@@ -7,7 +7,25 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.row_arrays import ALONG, CONTROLS, FIRST, FORM, FREE, HELD, IDEAL, PROJECTED, SECOND, SERVO, WORK, Rows, no_rows
+from vlmb.core.row_arrays import (
+    ALONG,
+    CONTROLS,
+    FIRST,
+    FORM,
+    FREE,
+    HELD,
+    IDEAL,
+    PROJECTED,
+    REPEATING,
+    SECOND,
+    SERVO,
+    WORK,
+    RowMemory,
+    Rows,
+    no_rows,
+    parts,
+    sizes_of,
+)  # fmt: skip
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import QuantityTable
 from vlmb.scene.tables import Run
@@ -57,3 +75,16 @@ def make_rows(
     gains[: len(info), : 2 * len(info)] = np.hstack(gain_table(info, plan, ideal, run.gain))
     gains[-1, : len(acting) + 1] = *control_scales(mechanism, acting), run.gain
     return Rows(numbers, gains)
+
+
+def solved_programme(rows: Rows, memory: RowMemory) -> tuple[Array, Array]:
+    """Return G (r, S) in the scales of the controls, and beta (r,), of a programme at the last solution, as copies."""
+    sizes = sizes_of(rows)
+    space = parts(sizes, memory)
+    last = int(sizes.ideal + sizes.servo)
+    return np.array(space.matrix[: sizes.servo, : sizes.controls]), np.array(space.wanted[sizes.ideal : last])
+
+
+def repeating(rows: Rows, memory: RowMemory) -> bool:
+    """Whether rows of the programme repeated each other, or an ideal one, at the last solution."""
+    return bool(parts(sizes_of(rows), memory).state[REPEATING])

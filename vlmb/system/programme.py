@@ -140,10 +140,7 @@ class ProgrammeControl:
             return
         side = float(np.sign(np.linalg.det(self.control_matrix)))
         if self.side * side < 0.0:
-            raise SingularError(
-                f"programme: the motion went through a posture where {', '.join(self.names)} have no effect on "
-                f"{', '.join(map(repr, self.texts))} (det G changed its sign): from there on it is not the programme's; add one"
-            )
+            raise turned_side(self.plan)
         self.side = side or self.side
 
     def least(self, g: Array, beta: Array) -> Array:
@@ -165,30 +162,17 @@ class ProgrammeControl:
 
     def weakness(self) -> str:
         """Say which rows the controls have nearly lost since the start; nothing where they have not."""
-        g = self.control_matrix
-        if not np.isfinite(g).all() or np.linalg.svd(g, compute_uv=False)[-1] > WEAK * self.grip:
-            return ""
-        return f"; the programme is nearly singular there: {self._weak_rows(g)}, by {', '.join(self.names)}"
+        return weakness(self.plan, self.control_matrix, self.grip)
 
     def _least_deficient(self, g: Array, beta: Array) -> Array:
         if not (np.isfinite(g).all() and np.isfinite(beta).all()):
             return np.full(g.shape[1], np.nan)  # the dynamics name the row without a value
         g = np.where(np.abs(g) < RANK * SMALLEST, 0.0, g)
-        answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
+        answer = np.linalg.lstsq(g, beta, rcond=RANK)[0]
         error = np.abs(g @ answer - beta)
         if error.max() > 1e-6 * max(1.0, np.abs(beta).max()):
-            rows = [repr(self.texts[k]) for k in np.argsort(-error)[:3] if error[k] > 0.1 * error.max()]
-            weak = self._weak_rows(g)
-            raise SingularError(
-                f"programme: {', '.join(rows)} cannot be met here by {', '.join(self.names)} (rank {rank} of {len(beta)} "
-                f"rows, smallest singular value {singular[-1]:.1e}; {weak}): add a control that moves it, or drop a row that "
-                "contradicts another"
-            )
+            raise out_of_reach(self.plan, g, beta)
         return np.asarray(answer, dtype=np.float64)
-
-    def _weak_rows(self, g: Array) -> str:
-        left = np.linalg.svd(g)[0][:, -1]
-        return "the controls do not act on " + " and ".join(repr(self.texts[k]) for k in np.flatnonzero(np.abs(left) > 0.3))
 
     def null_space(self, g: Array) -> Array:
         """Return Z (S, S - r): an orthonormal basis of ker G, both in the scales of the controls."""
@@ -199,6 +183,40 @@ class ProgrammeControl:
         singular = np.linalg.svd(g, compute_uv=False)
         rank = int((singular > RANK * max(singular[0], SMALLEST)).sum())
         return rank, float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
+
+
+def turned_side(plan: ProgrammePlan) -> SingularError:
+    """Make the error of a step over a posture where as many controls as rows lose their effect."""
+    return SingularError(
+        f"programme: the motion went through a posture where {', '.join(plan.names)} have no effect on "
+        f"{', '.join(map(repr, plan.texts))} (det G changed its sign): from there on it is not the programme's; add one"
+    )
+
+
+def out_of_reach(plan: ProgrammePlan, g: Array, beta: Array) -> SingularError:
+    """Make the error of rows that ask for what the controls cannot give."""
+    g = np.where(np.abs(g) < RANK * SMALLEST, 0.0, g)
+    answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
+    error = np.abs(g @ answer - beta)
+    rows = [repr(plan.texts[k]) for k in np.argsort(-error)[:3] if error[k] > 0.1 * error.max()]
+    return SingularError(
+        f"programme: {', '.join(rows)} cannot be met here by {', '.join(plan.names)} (rank {rank} of {len(beta)} "
+        f"rows, smallest singular value {singular[-1]:.1e}; {weak_rows(plan, g)}): add a control that moves it, or drop a row "
+        "that contradicts another"
+    )
+
+
+def weakness(plan: ProgrammePlan, g: Array, grip: float) -> str:
+    """Say which rows the controls have nearly lost, G's smallest singular value beside `grip`; nothing where they have not."""
+    if not np.isfinite(g).all() or np.linalg.svd(g, compute_uv=False)[-1] > WEAK * grip:
+        return ""
+    return f"; the programme is nearly singular there: {weak_rows(plan, g)}, by {', '.join(plan.names)}"
+
+
+def weak_rows(plan: ProgrammePlan, g: Array) -> str:
+    """Say which rows the controls act on least."""
+    left = np.linalg.svd(g)[0][:, -1]
+    return "the controls do not act on " + " and ".join(repr(plan.texts[k]) for k in np.flatnonzero(np.abs(left) > 0.3))
 
 
 def _least(g: Array, beta: Array) -> Array | None:

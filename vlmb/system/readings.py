@@ -64,21 +64,21 @@ class Readings:
         for k in sorted(frozenset[int]().union(*map(self.read, roots))):
             kind, row = table[k][:2]
             if kind == core.AZIMUTH and self._flat(buffers, row) < POLE:
-                return self.no_azimuth(row)
+                return no_azimuth(self.layout, self.arrays.order[row])
         return None
-
-    def no_azimuth(self, row: int) -> SingularError:
-        """Make the error of an equation that reads an azimuth at the pole."""
-        i = self.arrays.order[row]
-        name = self.layout.links[i].name
-        return SingularError(
-            f"phi{i + 1} is used by an equation or a control while link {name!r} stands at the pole (|cos psi| < {POLE:g}), "
-            f"where it has no azimuth; write the equation with {name}.direction.x and .y, and use a hinge torque T_{name}"
-        )
 
     def _flat(self, buffers: Array, row: int) -> float:
         at = int(self.integers[2 * packed.STATE]) + int(self.arrays.tree.link[row, of.AT_P])
         return float(np.hypot(*buffers[at : at + 2]))
+
+
+def no_azimuth(layout: Layout, i: int) -> SingularError:
+    """Make the error of an equation that reads an azimuth at the pole."""
+    name = layout.links[i].name
+    return SingularError(
+        f"phi{i + 1} is used by an equation or a control while link {name!r} stands at the pole (|cos psi| < {POLE:g}), "
+        f"where it has no azimuth; write the equation with {name}.direction.x and .y, and use a hinge torque T_{name}"
+    )
 
 
 def no_direction(force: GeneralizedForce, layout: Layout) -> SingularError:
