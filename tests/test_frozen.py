@@ -147,7 +147,7 @@ def test_equations_are_pickled_after_a_look() -> None:
 def test_a_system_is_pickled(made: vlmb.Scene) -> None:
     system = make_system(vlmb.build(made), inputs=["M_psi1"])
     other = again(system)
-    assert isinstance(other, System) and other.work_names == system.work_names and other.route == system.route
+    assert isinstance(other, System) and other.work_names == system.work_names and other.engine == system.engine
     start = consistent_start(system)
     y, branch = system.workspace().pack(start.state), list(start.coordinates.values())
     found = [one.workspace().evaluate(0.1, y, branch, [2.0]).vdot for one in (system, other)]

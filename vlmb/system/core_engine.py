@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import tree as faults
-from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, TIME, Driver
+from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
 from vlmb.core.march import march
 from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FROM_SPRING, SOURCES, evaluate, make_memory
 from vlmb.core.run import accept, indicate, longest_step, run
@@ -104,9 +104,9 @@ class CoreEngine:
         return known_rows(self.asked, len(t), len(self.memory.inputs)), self.start[None]
 
     def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators (e,) of all events."""
+        """Return the indicators of all events and their rates (2, e)."""
         indicate(self.plan.plant, self.memory, t, y, np.zeros(self.size), self.scratch)
-        return np.array(self.scratch[0])
+        return np.array(self.scratch[VALUE : RATE + 1])
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""

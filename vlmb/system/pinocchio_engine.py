@@ -70,7 +70,7 @@ class PinocchioEngine:
                 self.accept(float(real[TIME]), driver.point)
                 longest = longest_step(self.watch.plant, bounds, h_max, real[TIME], self._core_state(driver.point))
                 real[H_MAX] = min(longest, max(self.room, CLOSEST))
-                driver.indicators[VALUE : RATE + 1] = self._indicators(float(real[TIME]), driver.point)
+                driver.indicators[VALUE : RATE + 1] = self.indicators(float(real[TIME]), driver.point)
             else:
                 return int(code)
 
@@ -81,10 +81,6 @@ class PinocchioEngine:
     def accept(self, t: float, y: Array) -> None:
         """Take a state as the one near which angles are read. Raises SingularError beyond a programme's singular posture."""
         _, self.room = self.workspace.accept(t, y)
-
-    def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators (e,) of all events."""
-        return self._indicators(t, y)[0]
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
@@ -137,10 +133,11 @@ class PinocchioEngine:
         self.asked.append(self.workspace.inputs(t, self.workspace.unpack(t, y)))
         self.branches.append(self.workspace.branch)
 
-    def _indicators(self, t: float, y: Array) -> Array:
+    def indicators(self, t: float, y: Array) -> Array:
+        """Return the indicators of all events and their rates (2, e)."""
         core = self._core_state(y)
         indicate(self.watch.plant, self.memory, t, core, np.zeros(len(core)), self.scratch)
-        return self.scratch[VALUE : RATE + 1]
+        return np.array(self.scratch[VALUE : RATE + 1])
 
     def _core_state(self, y: Array) -> Array:
         """Return directions and lengths of a state."""
