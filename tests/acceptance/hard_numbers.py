@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from vlmb.simulation.integrate import METHODS
 
 import vlmb
 from tests.acceptance.hard_finding import (
@@ -28,7 +29,6 @@ from tests.acceptance.hard_finding import (
 from tests.acceptance.naive import paper_chart, pin_integrate
 from tests.reference import exact
 from tests.reference.two_rods import TwoRods, growth_rate
-from vlmb.simulation.integrate import METHODS
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import msgspec
 import numpy as np
+from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
 
 import vlmb
 from tests.acceptance.hard_finding import (
@@ -27,7 +28,6 @@ from tests.acceptance.hard_finding import (
     worst_condition,
 )
 from tests.acceptance.naive import SCHEMES
-from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
 from vlmb.system.gains import largest_stable_step
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system

@@ -13,12 +13,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from vlmb.simulation.integrate import euler, rk4
 
 from vlmb.equations.motion import equations_of_motion
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene
-from vlmb.simulation.integrate import euler, rk4
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 

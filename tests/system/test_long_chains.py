@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from vlmb.model.long_chains import LONG_CHAIN, obstacle
+from vlmb.system.bars import chain_energies
+from vlmb.system.subchains import SubChains
 
 import vlmb
 from tests.reference.witness import Witness
 from tests.small_scenes import ANY_LENGTH, FIXED, FLYING, PIVOT, SKI, link, random_state, scene, table
-from vlmb.model.long_chains import LONG_CHAIN, obstacle
 from vlmb.model.memory import make_data
-from vlmb.system.bars import chain_energies
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.subchains import SubChains
 from vlmb.system.system import make_system
 
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"

@@ -37,7 +37,7 @@ BEGIN, END, LONGEST = range(3)  # columns of `bounds`
 def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: float) -> int:
     """Go on to the next thing that only the caller can answer: see the codes of `driver`.
 
-    bounds (count, 3): from begin to end [s] no step is longer than the third; h_max [s] holds everywhere.
+    bounds (count, 3): from begin to end [s], in order, no step is longer than the third; h_max [s] holds everywhere.
     """
     answers, real, code = driver.counts, driver.real, EVALUATE
     while code in (EVALUATE, INDICATE):
@@ -61,10 +61,10 @@ def accept(plant: Plant, memory: Memory, y: Array) -> None:
 @kernel
 def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
     """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
-    longest = h_max
-    for k in range(bounds.shape[0]):
-        if bounds[k, END] > t:
-            longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
+    longest, k = h_max, first_after(bounds, t)
+    while k < bounds.shape[0] and bounds[k, BEGIN] - t < longest:
+        longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
+        k += 1
     for k in range(plant.quantities.kind.shape[0]):
         if plant.quantities.kind[k, KIND] == AZIMUTH or plant.quantities.kind[k, KIND] == ELEVATION:
             d, u, _ = link_direction(plant.tree, y, plant.quantities.kind[k, LINK])
@@ -73,6 +73,19 @@ def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) 
             if speed * longest > TURN * off_pole:
                 longest = TURN * off_pole / speed
     return longest
+
+
+@kernel
+def first_after(bounds: Array, t: float) -> int:
+    """Return the first row of bounds that ends after t; they stand in order."""
+    low, high = 0, bounds.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if bounds[middle, END] > t:
+            high = middle
+        else:
+            low = middle + 1
+    return low
 
 
 @kernel

@@ -122,11 +122,11 @@ class Loop:
 
     def __init__(
         self, engine: Engine, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
-        progress: Callable[[float], None] | None = None,
+        progress: Callable[[float], None] | None = None, longest: float = np.inf,
     ) -> None:  # fmt: skip
         self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
         self.method = find_method(run.method)
-        self.h_max = np.inf if run.max_step is None else run.max_step
+        self.h_max = longest if run.max_step is None else run.max_step
         step = 0.0 if self.method.adaptive else run.step or DEFAULT_STEP
         directions = np.array([event.direction for event in engine.events])
         self.driver = make_driver(

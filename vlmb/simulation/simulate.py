@@ -26,6 +26,7 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
+from vlmb.system.pace import longest_steps
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
@@ -67,7 +68,8 @@ def simulate(
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
     engine : `auto`, `core` (compiled) or `pinocchio`
-    max_step : [s] longest step of adaptive methods
+    max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
+        cannot be looked at before, has one look in 1 / run.samples at least
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
@@ -96,7 +98,8 @@ def simulate(
         mover = make_engine(system, branch, control)
         y = mover.pack(start.state)
         start = start._replace(adjustments=(*start.adjustments, *_balanced(system, mover, y, start)))
-        loop = Loop(mover, run, y, times, breaks, 0.0, np.zeros((0, 3)), progress)
+        bounds = longest_steps(mechanism.scene, 0.0, run.duration)
+        loop = Loop(mover, run, y, times, breaks, 0.0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {

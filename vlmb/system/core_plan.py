@@ -17,7 +17,6 @@ from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.springs import AngleSprings
 from vlmb.model.arrays import Arrays, make_arrays
-from vlmb.model.coordinates import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import QuantityTable
 from vlmb.model.reading import Postures
@@ -127,7 +126,7 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and (watching or _reads_angles(table)):
+    if not events and (watching or _reads_angles(table) or any("t" in root.names for root in roots)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
@@ -180,7 +179,7 @@ def _watched(
         events.append(event)
 
     for c in mechanism.layout.coordinates:
-        if c.kind == "xi" and segment_of(mechanism.layout, c).motion == "free":
+        if c.kind == "xi":
             for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
                 if math.isfinite(bound):
                     place = table.of(mechanism.names.find(c.name))
