@@ -218,7 +218,7 @@ def test_statistics_count(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
         inner = original(self)
         return lambda t, y: calls.append(t) or inner(t, y)
 
-    options = {"duration": 0.1, "method": method, "rtol": 1e-6, "atol": 1e-8, "step": 0.005}
+    options = {"duration": 0.1, "method": method, "rtol": 1e-6, "atol": 1e-8, "step": 0.005, "max_step": 1.0}
     monkeypatch.setattr(Dense, "rhs", counted)
     trajectory = vlmb.simulate(SKIER, engine="pinocchio", **options)
     assert trajectory.stats["rhs_evaluations"] == len(calls)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from functools import partial
@@ -51,7 +52,7 @@ def _crossings_of(driver: Driver, index: int, value: Callable[[float], float]) -
     column = driver.indicators[:, index]
     side, found = float(column[SIDE]), []
     looks = _with_turns(_looks(driver, column, value), value)
-    for (before, earlier), (t, now) in zip(looks, looks[1:], strict=False):
+    for (before, earlier), (t, now) in itertools.pairwise(looks):
         if leaves(side, sign(now), column[DIRECTION]):
             crossed = sign(earlier) * sign(now) < 0.0
             found.append(Crossing(root(value, before, t, earlier, now) if crossed else before, index, int(sign(now))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vlmb.core import tree as of
-from vlmb.core.driver import EVALUATE, FAILURE, H_MAX, INDICATE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import EVALUATE, FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
 from vlmb.core.jit import kernel
 from vlmb.core.march import march
 from vlmb.core.places import link_direction
@@ -42,6 +42,8 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
     answers, real, code = driver.counts, driver.real, EVALUATE
     while code in (EVALUATE, INDICATE):
         code = march(driver)
+        if memory.branches.shape[0] > 0:
+            keep_branches(memory, answers[NEXT_SAMPLE])
         if code == EVALUATE:
             answers[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
         elif code == INDICATE:
@@ -49,6 +51,15 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
             real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
             indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
     return code
+
+
+@kernel
+def keep_branches(memory: Memory, taken: int) -> None:
+    """Keep the branches of angles at the samples taken since."""
+    for k in range(memory.kept[0], taken):
+        for j in range(memory.reference.shape[0]):
+            memory.branches[k, j, 0], memory.branches[k, j, 1] = memory.reference[j, 0], memory.reference[j, 1]
+    memory.kept[0] = max(memory.kept[0], taken)
 
 
 @kernel

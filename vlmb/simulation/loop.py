@@ -239,13 +239,13 @@ class Loop:
         if self.tell is None:
             return
         taken = self.driver.times[: self.driver.counts[NEXT_SAMPLE]]
-        for time in taken[np.searchsorted(taken, self.told, side="right") :].tolist() or [self.t]:
-            if time > self.told:
-                self.told = time
+        for reached in taken[np.searchsorted(taken, self.told, side="right") :].tolist() or [self.t]:
+            if reached > self.told:
+                self.told = reached
                 try:
-                    self.tell(time)
+                    self.tell(reached)
                 except BaseException:
-                    self.kept = int(np.searchsorted(taken, time, side="right"))
+                    self.kept = int(np.searchsorted(taken, reached, side="right"))
                     raise
 
     def _answer(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,11 @@ class CorePlan:
     laws: tuple[tuple[str, str], ...]  # of every root: the force or length it gives, and its text
     acting: tuple[str, ...]  # names of the forces, laws first, then inputs
     events: tuple[Event, ...]
+
+    @cached_property
+    def reads_angles(self) -> bool:
+        """Whether a force or a law goes by an azimuth or an elevation in space, whose branch is kept then."""
+        return bool(self.table.angles())
 
     @property
     def positions(self) -> int:
@@ -89,13 +95,13 @@ def obstacle(mechanism: Mechanism, run: Run) -> str | None:
 
 def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
-    inputs: Sequence[str], work_names: Sequence[str], watching: bool = False,
+    inputs: Sequence[str] | None, work_names: Sequence[str], watching: bool = False,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
     Parameters
     ----------
-    inputs : forces whose values come from outside
+    inputs : forces whose values come from outside; None where nobody is asked for any
     work_names : of the work states in their order
     watching : the core only looks for events, on a ski that may slip sideways; another engine moves
 
@@ -113,7 +119,10 @@ def make_core_plan(
             roots.append(_law(mechanism, entry.law, f"forces[{index}].law"))
             laws.append((force.name, roots[-1].text))
             acting.append(force.name)
-    for at, name in enumerate(inputs):
+    if inputs is not None and not arrays.layout.plane:  # a control may read any angle: no step may swing one past its branch
+        for i in range(len(arrays.layout.links)):
+            table.of(mechanism.names.find(f"psi{i + 1}"))
+    for at, name in enumerate(inputs or ()):
         force = mechanism.names.force(name, "control")
         forces.append((table.along(force), -1 - at, works[name]))
         acting.append(name)
@@ -126,7 +135,8 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and (watching or _reads_angles(table) or any("t" in root.names for root in roots)):
+    looked_at = watching or inputs is not None or _reads_angles(table) or any("t" in root.names for root in roots)
+    if not events and looked_at:
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,

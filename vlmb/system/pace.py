@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     """Return rows (count, 3) of begin, end, longest step [s] there, in order; none where nothing depends on time.
 
-    Within a step h every part of a law that depends on time alone has h^2 max|f''| <= the range of f over the run. What depends on
-    the state is the business of the method.
+    Within a step h every part of a law that depends on time alone has h^2 max|f''| <= the range of f over the run. What depends
+    on the state is the business of the method.
     """
     roots = [root for root in _of_scene(scene) if "t" in root.names]
     if not roots:
@@ -44,6 +44,6 @@ def _of_scene(scene: Scene) -> list[Expression | Equation]:
         parse(force.law, f"forces[{k}].law") for k, force in enumerate(scene.forces) if force.law is not None
     ]
     lengths = [segment for link in scene.links for segment in (link.lower, link.upper)]
-    found += [parse(segment.law, segment.law) for segment in lengths if segment.law is not None]
+    found += [parse(segment.law, "law") for segment in lengths if segment.law is not None]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]

@@ -21,7 +21,6 @@ from vlmb.system.system import System
 Array = NDArray[np.float64]
 
 CLOSEST = 1e-7  # [s] of a step, at least, where azimuths swing
-REMEMBERED = 64  # failures of evaluations
 
 
 class PinocchioEngine:
@@ -38,7 +37,7 @@ class PinocchioEngine:
         self.workspace, self.start = system.workspace(control, branch), list(branch)
         self.memory = make_memory(watch.plant, watch.arrays.given)
         self.size = self.workspace.size
-        self.errors: list[VlmbError] = []
+        self.errors: list[VlmbError] = []  # of evaluations since the last accepted step
         self.scratch = np.zeros((9, len(watch.events)))
         self.asked: list[Array] = []
         self.branches: list[list[float]] = []
@@ -64,9 +63,10 @@ class PinocchioEngine:
                     driver.slope[:] = rhs(float(real[TIME]), driver.point)
                     counts[FAILURE] = 0
                 except VlmbError as error:
-                    self.errors = [*self.errors[-REMEMBERED:], error]
+                    self.errors.append(error)
                     counts[FAILURE] = len(self.errors)
             elif code == INDICATE:
+                self.errors.clear()
                 self.accept(float(real[TIME]), driver.point)
                 longest = longest_step(self.watch.plant, bounds, h_max, real[TIME], self._core_state(driver.point))
                 real[H_MAX] = min(longest, max(self.room, CLOSEST))
@@ -91,7 +91,7 @@ class PinocchioEngine:
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
         code = int(driver.counts[FIRST_FAILURE])
-        return self.errors[min(code, len(self.errors)) - 1] if code and self.errors else None
+        return self.errors[code - 1] if 0 < code <= len(self.errors) else None
 
     def why(self, t: float, y: Array) -> str:
         """Add what the mass matrix or the programme says about a place where a run failed."""
