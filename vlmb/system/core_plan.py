@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,7 @@ from vlmb.core import springs as core_springs
 from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.springs import AngleSprings
-from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
-from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.model.quantities import QuantityTable, allowed_names
@@ -33,7 +32,6 @@ from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
 
-MOST_BOUNDS = 256  # of steps in time, which are gone through after every step
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +51,11 @@ class CorePlan:
         sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
         return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {listed(self.acting) or 'none'}>"
 
+    @cached_property
+    def reads_angles(self) -> bool:
+        """Whether a force or a law goes by an azimuth or an elevation in space, whose branch is kept then."""
+        return bool(self.table.angles())
+
     @property
     def positions(self) -> int:
         """Number of positions in a state."""
@@ -70,15 +73,6 @@ class CorePlan:
             if layout.plane and min(spring.first, spring.second) >= 0:
                 found[k] = coordinates[layout.place("psi", spring.second)] - coordinates[layout.place("psi", spring.first)]
         return found
-
-    def step_bounds(self, begin: float, end: float) -> Array:
-        """Return (count, 3) begin, end and longest step [s]: no step may pass over something that a law of time does."""
-        scale = time_scale(self.plant.tape, self.plant.parameters, begin, end)
-        steps = scale.steps[scale.steps[:, 2] < end - begin]
-        if len(steps) <= MOST_BOUNDS:
-            return np.ascontiguousarray(steps)
-        groups = np.array_split(steps, MOST_BOUNDS)
-        return np.array([(group[0, 0], group[-1, 1], group[:, 2].min()) for group in groups])
 
     def given_at(self, memory: Memory, t: Array) -> Array:
         """Return the lengths (N, n, 6) that are not free, with two derivatives, at times t (N,)."""
@@ -108,13 +102,13 @@ def obstacle(mechanism: Mechanism, run: Run) -> str | None:
 
 def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
-    inputs: Sequence[str], work_names: Sequence[str], watching: bool = False,
+    inputs: Sequence[str] | None, work_names: Sequence[str], watching: bool = False,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
     Parameters
     ----------
-    inputs : forces whose values come from outside
+    inputs : forces whose values come from outside; None where nobody is asked for any
     work_names : of the work states in their order
     watching : the core only looks for events, on a ski that may slip sideways; another engine moves
 
@@ -134,7 +128,10 @@ def make_core_plan(
             roots.append(parse(entry.law, f"forces[{index}].law", allowed))
             laws.append((force.name, roots[-1].text))
             acting.append(force.name)
-    for at, name in enumerate(inputs):
+    if inputs is not None and not arrays.layout.plane:  # a control may read any angle: no step may swing one past its branch
+        for i in range(len(arrays.layout.links)):
+            table.of(mechanism.names.find(f"psi{i + 1}"))
+    for at, name in enumerate(inputs or ()):
         force = mechanism.names.force(name, "control")
         forces.append((table.along(force), -1 - at, works[name]))
         acting.append(name)
@@ -147,7 +144,8 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and (watching or roots or _reads_angles(table)):
+    looked_at = watching or inputs is not None or _reads_angles(table) or any("t" in root.names for root in roots)
+    if not events and looked_at:
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
@@ -193,7 +191,7 @@ def _watched(
         events.append(event)
 
     for c in mechanism.layout.coordinates:
-        if c.kind == "xi" and segment_of(mechanism.layout, c).motion == "free":
+        if c.kind == "xi":
             for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
                 if math.isfinite(bound):
                     place = table.of(mechanism.names.find(c.name))

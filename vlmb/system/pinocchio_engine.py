@@ -21,7 +21,6 @@ from vlmb.system.system import System
 Array = NDArray[np.float64]
 
 CLOSEST = 1e-7  # [s] of a step, at least, where azimuths swing
-REMEMBERED = 64  # failures of evaluations
 
 
 class PinocchioEngine:
@@ -38,7 +37,7 @@ class PinocchioEngine:
         self.workspace, self.start = system.workspace(control, branch), list(branch)
         self.memory = make_memory(watch.plant, watch.arrays.given)
         self.size = self.workspace.size
-        self.errors: list[VlmbError] = []
+        self.errors: list[VlmbError] = []  # of evaluations since the last accepted step
         self.scratch = np.zeros((9, len(watch.events)))
         self.asked: list[Array] = []
         self.branches: list[list[float]] = []
@@ -64,13 +63,14 @@ class PinocchioEngine:
                     driver.slope[:] = rhs(float(real[TIME]), driver.point)
                     counts[FAILURE] = 0
                 except VlmbError as error:
-                    self.errors = [*self.errors[-REMEMBERED:], error]
+                    self.errors.append(error)
                     counts[FAILURE] = len(self.errors)
             elif code == INDICATE:
+                self.errors.clear()
                 self.accept(float(real[TIME]), driver.point)
                 longest = longest_step(self.watch.plant, bounds, h_max, real[TIME], self._core_state(driver.point))
                 real[H_MAX] = min(longest, max(self.room, CLOSEST))
-                driver.indicators[VALUE : RATE + 1] = self._indicators(float(real[TIME]), driver.point)
+                driver.indicators[VALUE : RATE + 1] = self.indicators(float(real[TIME]), driver.point)
             else:
                 return int(code)
 
@@ -82,10 +82,6 @@ class PinocchioEngine:
         """Take a state as the one near which angles are read. Raises SingularError beyond a programme's singular posture."""
         _, self.room = self.workspace.accept(t, y)
 
-    def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators (e,) of all events."""
-        return self._indicators(t, y)[0]
-
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
         first, second = next((s.first, s.second) for s in self.system.direction_springs if s.name == event.name)
@@ -95,7 +91,7 @@ class PinocchioEngine:
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
         code = int(driver.counts[FIRST_FAILURE])
-        return self.errors[min(code, len(self.errors)) - 1] if code and self.errors else None
+        return self.errors[code - 1] if 0 < code <= len(self.errors) else None
 
     def why(self, t: float, y: Array) -> str:
         """Add what the mass matrix or the programme says about a place where a run failed."""
@@ -137,10 +133,11 @@ class PinocchioEngine:
         self.asked.append(self.workspace.inputs(t, self.workspace.unpack(t, y)))
         self.branches.append(self.workspace.branch)
 
-    def _indicators(self, t: float, y: Array) -> Array:
+    def indicators(self, t: float, y: Array) -> Array:
+        """Return the indicators of all events and their rates (2, e)."""
         core = self._core_state(y)
         indicate(self.watch.plant, self.memory, t, core, np.zeros(len(core)), self.scratch)
-        return self.scratch[VALUE : RATE + 1]
+        return np.array(self.scratch[VALUE : RATE + 1])
 
     def _core_state(self, y: Array) -> Array:
         """Return directions and lengths of a state."""
