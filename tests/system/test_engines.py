@@ -143,15 +143,15 @@ def test_shipped_models_agree_at_random_states(name: str) -> None:
 @pytest.mark.parametrize(("base", "plane"), WHERE, ids=IDS)
 def test_motions_agree(base: str, plane: bool) -> None:
     made = random_tree(base, plane, 2)
-    start = {f"psi{i + 1}": 0.9 - 0.35 * i for i in range(6)} | {"psi1_dot": 0.7}
+    start = {f"psi{i + 1}": 0.9 - 0.35 * i for i in range(6)} | {"psi1_dot": 0.7, "psi4": 1.1, "psi2": 0.8}  # not in line soon
     if not plane:
         start |= {f"phi{i + 1}": 0.8 * i for i in range(6)} | {"phi2_dot": -0.6}
     made = vlmb.Scene.from_dict({**made.to_dict(), "start": start})
-    times = np.linspace(0.0, 0.4, 9)
-    core, other = (vlmb.simulate(made, t_eval=times, duration=0.4, engine=engine) for engine in ("core", "pinocchio"))
+    times = np.linspace(0.0, 0.2, 5)
+    core, other = (vlmb.simulate(made, t_eval=times, duration=0.2, engine=engine) for engine in ("core", "pinocchio"))
     assert core.status == other.status, core.message + other.message
     assert core.stats["engine"] == "core" and other.stats["engine"] == "pinocchio"
-    assert len(core) == len(other) == len(times), core.message
+    assert core.status == "finished", core.message
     for i in range(6):
         np.testing.assert_allclose(core.position(f"link{i + 1}"), other.position(f"link{i + 1}"), rtol=0, atol=1e-8)
     scale = max(1.0, float(np.abs(core["energy"]).max()))
