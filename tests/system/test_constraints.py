@@ -357,8 +357,6 @@ def test_reaction_on_a_prescribed_segment_is_part_of_its_force() -> None:
     assert np.abs(trajectory["balance"]).max() < 1e-9 * trajectory["kinetic"].max()
 
 
-
-
 @pytest.mark.parametrize("base", [PIVOT, SKI, FLYING], ids=["pivot", "ski", "free"])
 def test_summary_names_every_constraint(base: dict[str, Any]) -> None:
     held = scene(base, [link("a", lower=FIXED)], constraints=["psi1 = 0.6"], start={"psi1": 0.6})

@@ -54,7 +54,8 @@ def random_tree(base: str, plane: bool, seed: int, count: int = 6) -> vlmb.Scene
     forces: list[dict[str, Any]] = []
     for first, second in zip(ends, [*ends[1:], "link5"], strict=True):
         if "link" in first + second:
-            forces.append({"between": [first, second], "stiffness": 9.0, "damping": float(random.choice([0.0, 0.8])), "rest": 1.0})
+            damping = float(random.choice([0.0, 0.8]))
+            forces.append({"between": [first, second], "stiffness": 9.0, "damping": damping, "rest": 1.0})
     forces += [
         {"on": name, "law": str(random.choice(LAWS))}
         for name in generalized_forces(vlmb.build(made).layout)

@@ -13,6 +13,7 @@ from vlmb.model.arrays import BASE_SIZES, Arrays
 from vlmb.system.frames import LinkFrames
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 
 class CoreReading:
@@ -44,8 +45,8 @@ class CoreReading:
                     length, rate = arrays.length_at(i, number)
                     copied.append((length, segment.q))
                     moved.append((rate, segment.v))
-        self.to_q, self.from_q = (np.array(column, dtype=np.intp) for column in zip(*copied, strict=True)) if copied else ([], [])
-        self.to_v, self.from_v = (np.array(column, dtype=np.intp) for column in zip(*moved, strict=True)) if moved else ([], [])
+        self.to_q, self.from_q = _columns(copied)
+        self.to_v, self.from_v = _columns(moved)
 
     def read(self, q: Array, v: Array) -> Array:
         """Return the core's state of q (nq,), normalized, and v (nv,): a buffer that the next call writes again."""
@@ -62,3 +63,9 @@ class CoreReading:
             y[at] = rotation[:, 0]
             y[rate] = omega[2] * rotation[:, 1] - omega[1] * rotation[:, 2]
         return y
+
+
+def _columns(pairs: list[tuple[int, int]]) -> tuple[Indices, Indices]:
+    """Where numbers go, and where they come from."""
+    both = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
