@@ -217,7 +217,11 @@ class Loop:
                 resume(self.driver, self.t, until)
             elif code != SLICE:
                 self._note_time()
-                raise self._failure(code)
+                error = self._failure(code)
+                sentence = self._in_line(error)
+                if sentence is None:
+                    raise error
+                return sentence
 
     def _slice(self) -> int:
         """Run for a bounded time, so that signals are looked at."""
@@ -269,6 +273,14 @@ class Loop:
         y = np.empty_like(self.driver.point)
         state_at(self.driver, crossing.t, y)
         return self.engine.in_line(event, crossing.t, y) < IN_LINE
+
+    def _in_line(self, error: VlmbError) -> str | None:
+        """Return the sentence of a line-up that a step could not get nearer to: the torque beyond it has no axis yet."""
+        for event in self.engine.events if isinstance(error, SingularError) else ():
+            if event.kind == LINE_UP and self.engine.in_line(event, self.t, self.driver.point) < IN_LINE:
+                self._end_here()
+                return event.sentence
+        return None
 
     def _after_stop(self) -> str | None:
         """Return the sentence of an event that ends the run; a switch only begins a new step."""

@@ -73,6 +73,8 @@ class CoreEngine:
         code = evaluate(self.plan.plant, self.memory, t, np.ascontiguousarray(y), dy)
         if code:
             raise self.fault(code)
+        if not np.isfinite(dy).all():
+            raise SimulationError("the accelerations are not finite: a position, velocity or force is too large to compute with")
         return dy
 
     def accept(self, t: float, y: Array) -> None:

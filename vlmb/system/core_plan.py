@@ -206,9 +206,12 @@ def _watched(
         if depends == op.OF_STATE and kind != op.EDGE:
             add(core.SWITCH, k, 1.0, 0.0, Event(SWITCH, BOTH_WAYS, compiled.source(operation), ""))
     for k, spring in enumerate(springs):
-        if min(spring.first, spring.second) >= 0 and not mechanism.layout.plane and (spring.rest or spring.damping):
-            names = " and ".join(mechanism.layout.links[i].name for i in (spring.first, spring.second))
-            add(core.LINE_UP, k, 1.0, 0.0, Event(LINE_UP, BOTH_WAYS, spring.name, f"{spring.name}: {names} line up"))
+        way = spring.singular_line_up(mechanism.layout)
+        if way is not None:
+            own = {-1: "the base", -2: "the heading"}
+            first, second = (own.get(i) or mechanism.layout.links[i].name for i in (spring.first, spring.second))
+            sentence = f"{spring.name}: {first} and {second} line up, where its torque has no axis to turn about"
+            add(core.LINE_UP, k, 1.0, 0.0, Event(LINE_UP, way, spring.name, sentence))
     return watch, bounds, events
 
 
