@@ -15,3 +15,8 @@ class Event(NamedTuple):
     direction: float
     name: str
     sentence: str
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends a run wherever it happens: a limit, or a fall."""
+        return self.kind in (LIMIT, FALL)
