@@ -66,7 +66,8 @@ def test_motions_of_both_engines(name: str) -> None:
     runs = [vlmb.simulate(SERVED[name], engine=engine, **options) for engine in ("core", "pinocchio")]
     core, other = runs
     assert [run.engine for run in runs] == [run.stats["engine"] for run in runs] == ["core", "pinocchio"]
-    assert core.status == other.status and core.message == other.message
+    assert core.status == other.status
+    assert core.message.partition(":")[0] == other.message.partition(":")[0]  # the same time
     assert core.system.work_names == other.system.work_names
     for entry in core.mechanism.layout.links:
         for point in ("hinge", "rod_start", "tip"):
@@ -114,7 +115,7 @@ def test_engines_by_name() -> None:
     written = scene(PIVOT, [link("a")], run={"engine": "pinocchio"}, start={"psi1": 0.3})
     assert vlmb.simulate(written, duration=0.05).engine == "pinocchio"
     assert vlmb.simulate(written, duration=0.05, engine="core").engine == "core"
-    with pytest.raises(vlmb.SceneError, match=r"run.engine.*'core'"):
+    with pytest.raises(vlmb.SceneError, match=r"run\.engine = 'cores': allowed: auto, core, pinocchio"):
         vlmb.simulate(made, engine="cores")
 
 
@@ -150,6 +151,11 @@ def dispatchers() -> Iterator[Any]:
                 yield value
 
 
+def misses(function: Any) -> int:
+    """How often a function was compiled, as nothing kept on this machine served."""
+    return sum(function.stats.cache_misses.values())
+
+
 def twenty_scenes() -> list[dict[str, Any]]:
     """Different in base, tree, segments, springs, forces, laws, method, and who looks on."""
     plain = [link("a"), link("b", lower=FIXED), link("c", parent="a", parent_point="rod_end", upper=None, tip_mass=None)]
@@ -169,17 +175,17 @@ def twenty_scenes() -> list[dict[str, Any]]:
 
 @pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
 def test_nothing_is_compiled_after_the_first_scene() -> None:
-    """One machine code serves all mechanisms, laws and methods: no function of the core gets a second signature."""
+    """One machine code serves all mechanisms, laws and methods: no function gets another signature, none is not found compiled."""
     scenes = twenty_scenes()
     assert len(scenes) >= 21
     vlmb.simulate(**scenes[0], duration=0.05).summary()
-    before = {function: len(function.signatures) for function in dispatchers()}
-    assert sum(before.values()) >= 5 and max(before.values()) == 1
+    before = {function: (len(function.signatures), misses(function)) for function in dispatchers()}
+    assert sum(count for count, _ in before.values()) >= 5
     for options in scenes[1:]:
         run = vlmb.simulate(**options, duration=0.05)
         assert run.engine == "core" and run.status == "finished", run.message
         run.summary()
-    grown = {function: len(function.signatures) - count for function, count in before.items()}
-    new = [function.__name__ for function, more in grown.items() if more]
-    assert not new, new
+    other = [function.__name__ for function, (count, _) in before.items() if 0 < count != len(function.signatures)]
+    compiled = [function.__name__ for function, (_, missed) in before.items() if misses(function) != missed]
+    assert (other, compiled) == ([], [])
     assert math.isfinite(run["energy"][-1])

@@ -1,4 +1,4 @@
-"""Files of runs: format 1 is read, with the numbers that the version which wrote it told; format 2 of both engines."""
+"""Files of runs: format 1, with the numbers that the version which wrote it told; format 2, of both engines."""
 
 from __future__ import annotations
 

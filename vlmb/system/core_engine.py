@@ -161,14 +161,17 @@ class CoreEngine:
     def _without_inertia(self, fault: int, name: str) -> VlmbError:
         if fault == faults.NO_DIRECTION:
             return SimulationError(f"the state of {name} is not finite: a position or velocity is too large to compute with")
-        motion = {
-            faults.FREE_TIP: f"a free segment of {name!r} moves its tip along the link",
-            faults.FREE_ROD: f"the rod of {name!r} slides between two free segments",
-            faults.TURNING: f"{name!r} turns about its hinge",
-            faults.FREE_BASE: "the base moves",
+        layout = self.mechanism.layout
+        own = [c for c in layout.coordinates if c.link >= 0 and layout.links[c.link].name == name]
+        lengths, angles = ([c.name for c in own if (c.kind == "xi") == along] for along in (True, False))
+        moves = {
+            faults.FREE_TIP: f"{lengths[-1] if lengths else 'its length'} of {name}",
+            faults.FREE_ROD: f"{' and '.join(lengths)} of {name}, its rod between two free segments,",
+            faults.TURNING: f"{' and '.join(angles)} of {name}",
+            faults.FREE_BASE: " ".join(c.name for c in layout.coordinates if c.link < 0),
         }[fault]
         hints = " ".join(self.mechanism.warnings)
-        return SingularError(f"the mass matrix is singular: {motion} without inertia. {hints}".rstrip())
+        return SingularError(f"the mass matrix is singular: {moves} can move without inertia. {hints}".rstrip())
 
     def _no_force(self, k: int) -> VlmbError:
         """Say why a force has no direction: an azimuth at its pole, or two directions in line."""
