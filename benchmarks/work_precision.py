@@ -1,6 +1,6 @@
 """Work and precision of the committed scenes: every method, every form of the knife edge, and a plain Pinocchio loop.
 
-Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N]
+Usage: python benchmarks/work_precision.py [SCENE ...] [--repeats N] [--nearby]
 
 Without arguments all scenes are measured and benchmarks/results is written. Other engines: benchmarks/engines.py.
 """
@@ -27,7 +27,7 @@ from vlmb.studies.work_precision import TIGHT, Array, Measured, Motion, cost_at,
 from vlmb.views.style import BLACK, GREY, PALETTE
 from vlmb.views.work_precision_plots import COSTS, draw, legend
 
-TARGETS = {"one link": (0.40, 0.30, 0.33), "two links": (0.30, 0.30, 0.33), "skier, spring link": (0.30, 0.24, 0.35)}
+TARGETS = {"one link": 0.02, "two links": 0.03, "skier, spring link": 0.015, "eight links": 0.06, "fifty links": 0.06}
 
 LEG = {"rod": {"length": 0.5, "mass": 30.0}, "tip_mass": 40.0, "name": "legs"}
 SKIER = {
@@ -115,12 +115,12 @@ def nearby_rows(name: str, found: dict[str, list[list[float]]]) -> list[list[str
     rows = []
     for label, ratios in found.items():
         row = [f"{name}: {label}"]
-        for k, values in enumerate(zip(*ratios, strict=True)):
-            reached, target = [value for value in values if math.isfinite(value)], TARGETS[name][k]
+        for values in zip(*ratios, strict=True):
+            reached, target = [value for value in values if math.isfinite(value)], TARGETS[name]
             middle = float(np.median(reached))
             verdict = "met" if middle <= target else "missed"
             fewer = f" of {len(reached)}" if len(reached) < len(values) else ""
-            row.append(f"{middle:.2f}, {min(reached):.2f} to {max(reached):.2f}{fewer} ({verdict}: {target:.2f})")
+            row.append(f"{middle:.4f}, {min(reached):.4f} to {max(reached):.4f}{fewer} ({verdict}: {target:g})")
         rows.append(row)
     return rows
 
@@ -133,11 +133,11 @@ def ratio_rows(name: str, points: dict[str, list[Any]], base: str, base_sampled:
             continue
         other = base_sampled if label.endswith("sampled") else base
         row = [f"{name}: {label}"]
-        for k, error in enumerate(ERRORS):
+        for error in ERRORS:
             mine = cost_at([value[:2] for value in values], error)
             ratio = mine / cost_at([value[:2] for value in points[other]], error)
-            target = TARGETS.get(name, (None, None, None))[k] if label.startswith("vlmb") else None
-            verdict = "" if target is None or math.isnan(ratio) else f" ({'met' if ratio <= target else 'missed'}: {target:.2f})"
+            target = TARGETS.get(name) if label.startswith("vlmb") else None
+            verdict = "" if target is None or math.isnan(ratio) else f" ({'met' if ratio <= target else 'missed'}: {target:g})"
             row += ["-" if math.isnan(ratio) else f"{ratio:.{2 if ratio >= 0.1 else 3}f}{verdict}"]
         rows.append(row)
     return rows
@@ -227,7 +227,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", help=f"default: all of {', '.join(scenes())}")
     parser.add_argument("--repeats", type=int, default=None)
+    parser.add_argument("--nearby", action="store_true", help="only the ratios from starts near the scenes' own")
     args = parser.parse_args()
+    if args.nearby:
+        for name in args.scenes or TARGETS:
+            for row in nearby_rows(name, ratios_nearby(*scenes()[name][:2], args.repeats or 3)):
+                print("; ".join(row), flush=True)
+        return
     found = {}
     for name in args.scenes or scenes():
         found[name] = one_scene(name, **({"repeats": args.repeats} if args.repeats else {}))

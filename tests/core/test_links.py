@@ -102,7 +102,7 @@ def test_energy_changes_by_the_power_of_forces_dampers_and_laws(case: Case) -> N
         energies(tree, y + h * dy, moved, out)
         return float(out.sum())
 
-    h = 1e-3
+    h = 2e-4
     change = (8.0 * (energy(h) - energy(-h)) - (energy(2.0 * h) - energy(-2.0 * h))) / (12.0 * h)
     powers = [force * y[p:], np.ravel(axial_forces(scratch) * given[:, [t.LOWER + 1, t.UPPER + 1]])]
     for link, real in zip(tree.link, tree.real, strict=True):

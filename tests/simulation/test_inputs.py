@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import simpson
-from vlmb.simulation.integrate import METHODS
 
 import vlmb
 import vlmb.simulation.simulate
 from tests.small_scenes import FIXED, PIVOT, SKI, bent, link, scene
+from vlmb.simulation.methods import METHODS
 
 RIGID = scene(PIVOT, [link("a", lower=FIXED, upper=FIXED)], start={"psi1": 0.3, "phi1": 0.2})
 TIMES = np.linspace(0.0, 1.0, 201)

@@ -14,6 +14,7 @@ import vlmb
 from tests.reference.exact import skate as exact_skate
 from vlmb import cli
 from vlmb.errors import SceneError
+from vlmb.simulation.methods import METHODS
 from vlmb.studies.work_precision import GAINS, Motion, compare, cost_at, front, measure, observe, variants
 
 SKATE: dict[str, Any] = {
@@ -50,8 +51,8 @@ def test_cost_at_an_error_lies_on_the_log_log_line_of_the_front() -> None:
 
 def test_every_method_and_every_form_of_the_knife_edge_takes_part() -> None:
     on_ski = variants(vlmb.Scene.from_dict(SKATE))
-    assert len(on_ski) == len(set(on_ski)) == len(vlmb.simulation.integrate.METHODS) * (2 + len(GAINS))
-    assert {v.method for v in variants(vlmb.Scene.from_dict(PENDULUM))} == set(vlmb.simulation.integrate.METHODS)
+    assert len(on_ski) == len(set(on_ski)) == len(METHODS) * (2 + len(GAINS))
+    assert {v.method for v in variants(vlmb.Scene.from_dict(PENDULUM))} == set(METHODS)
     assert {v.knife_edge for v in on_ski} == {"reduction", "multiplier", "projection"}
 
 

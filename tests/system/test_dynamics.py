@@ -1,4 +1,4 @@
-"""Forces have the work, the sign and the reaction their names promise; all routes and forms agree."""
+"""Forces have the work, the sign and the reaction their names promise; all forms of the knife edge agree."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import simpson
 
 import vlmb
-from tests.small_scenes import ANY_LENGTH, BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, link, random_state, scene
+from tests.small_scenes import BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, link, random_state, scene
 from vlmb.model.coordinates import kinematics
 from vlmb.model.memory import make_data
 from vlmb.model.names import generalized_forces
@@ -19,7 +19,6 @@ from vlmb.simulation.simulate import check
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.forces import ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames
-from vlmb.system.springs import FADE
 from vlmb.system.system import make_system
 
 TREE = [
@@ -100,63 +99,10 @@ def test_the_names_of_forces() -> None:
         vlmb.build(LAYOUTS["pivot in a plane"]).names.force("M_phi1", "here")
 
 
-# Routes and forms ----------------------------------------------------------------------------------------------------
+# Forms of the knife edge ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("base", [PIVOT, SKI, FLYING], ids=["pivot", "ski", "flying"])
-@pytest.mark.parametrize("links", [1, 2, 6])
-@pytest.mark.parametrize("plane", [False, True])
-def test_dense_and_recursive_routes_agree(base: dict[str, Any], links: int, plane: bool) -> None:
-    mechanism = vlmb.build(scene(base, links, plane=plane, slope=0.1))
-    for seed in range(3):
-        state = random_state(mechanism, seed, sideways=False)
-        dense, recursive = (make_system(mechanism, route=route).workspace() for route in ("dense", "recursive"))
-        y = dense.pack(state)
-        first, second = dense.rhs(0.0, y).copy(), recursive.rhs(0.0, y).copy()
-        np.testing.assert_allclose(second, first, rtol=0, atol=1e-10 * np.abs(first).max())
-        residual = pin.rnea(mechanism.model, make_data(mechanism.model), state.q, state.v, first[mechanism.model.nq :])
-        tau = np.zeros(mechanism.model.nv)
-        for one, at in zip(mechanism.scene.links, mechanism.layout.links, strict=True):
-            for segment, place in ((one.lower, at.lower), (one.upper, at.upper)):
-                if place.joint:
-                    tau[place.v] = -segment.stiffness * (state.q[place.q] - segment.length)
-        if base["kind"] == "ski":
-            residual[SIDEWAYS] = tau[SIDEWAYS]
-        np.testing.assert_allclose(residual, tau, rtol=0, atol=1e-10 * np.abs(tau).max())
-
-
-@pytest.mark.parametrize("base", [PIVOT, SKI, FLYING], ids=["pivot", "ski", "flying"])
-@pytest.mark.parametrize("links", [1, 3, 5])  # of few segments forces are written one by one, of many by a matrix
-def test_routes_agree_on_dampers_and_what_they_take(base: dict[str, Any], links: int) -> None:
-    legs = {"length": 0.3, "rest": 0.25, "stiffness": 900.0, "damping": 40.0, "limits": ANY_LENGTH}
-    chain = [link(f"link{i + 1}", lower=legs, upper=legs | {"damping": 5.0 * i}) for i in range(links)]
-    mechanism = vlmb.build(scene(base, chain, slope=0.1))
-    assert make_system(mechanism).workspace().route == "recursive"
-    for seed in range(3):
-        state = random_state(mechanism, seed, sideways=False)
-        made = [make_system(mechanism, route=route).workspace() for route in ("dense", "recursive")]
-        first, second = (workspace.rhs(0.0, workspace.pack(state)).copy() for workspace in made)
-        np.testing.assert_allclose(second, first, rtol=0, atol=1e-11 * np.abs(first).max())
-        rates = mechanism.coordinates(state)
-        lost = sum(40.0 * rates[f"xi{i + 1}_1_dot"] ** 2 + 5.0 * i * rates[f"xi{i + 1}_2_dot"] ** 2 for i in range(links))
-        assert second[-1] == pytest.approx(lost, rel=1e-12)
-
-
-def test_the_recursive_route_refuses_what_it_does_not_serve() -> None:
-    for made in (
-        scene(PIVOT, 1, forces=[{"on": "M_psi1", "law": 1.0}]),
-        scene(PIVOT, [link("a"), link("b")], forces=[{"between": ["a", "b"], "stiffness": 1.0}]),
-        scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": "0.3"})]),
-    ):
-        with pytest.raises(vlmb.SceneError, match="recursive"):
-            vlmb.simulate(made, route="recursive")
-    with pytest.raises(vlmb.SceneError, match="recursive"):
-        vlmb.simulate(scene(SKI, 1), route="recursive", knife_edge="multiplier")
-
-
-def test_an_unknown_route_or_form_is_refused() -> None:
-    with pytest.raises(vlmb.VlmbError, match="route"):
-        vlmb.simulate(scene(PIVOT, 1), route="scenic", duration=0.1)
+def test_an_unknown_form_is_refused() -> None:
     with pytest.raises(vlmb.VlmbError, match="knife_edge"):
         vlmb.simulate(scene(SKI, 1), knife_edge="glue", duration=0.1)
 
@@ -220,11 +166,10 @@ def test_the_multiplier_takes_out_a_slip() -> None:
 
 
 @pytest.mark.parametrize("name", ["pivot", "tree on the ski", "flying", "ski in a plane"])
-@pytest.mark.parametrize("route", ["dense", "recursive"])
-def test_the_field_off_the_sphere(name: str, route: str) -> None:
+def test_the_field_off_the_sphere(name: str) -> None:
     """A quaternion's or heading's norm changes no acceleration, and multiplies its own rates: what keeps full order."""
     mechanism = vlmb.build(LAYOUTS[name])
-    layout, workspace = mechanism.layout, make_system(mechanism, route=route).workspace()
+    layout, workspace = mechanism.layout, make_system(mechanism).workspace()
     state = random_state(mechanism, 7, sideways=False)
     y = workspace.pack(state)
     expected, longer = workspace.rhs(0.0, y).copy(), y.copy()
@@ -275,41 +220,6 @@ def test_an_outer_moment_changes_the_momentum() -> None:
     assert np.linalg.norm(angular[-1] - angular[0]) > 0.5
 
 
-@pytest.mark.parametrize("pair", [["link1", "link2"], ["base", "link1"], ["link2", "heading"]], ids="-".join)
-@pytest.mark.parametrize("base", [PIVOT, SKI], ids=["pivot", "ski"])
-@pytest.mark.parametrize("plane", [False, True])
-def test_direction_springs_conserve_energy_and_dampers_take_it(base: dict[str, Any], pair: list[str], plane: bool) -> None:
-    spring = {"between": pair, "stiffness": 1000.0, "rest": 1.0}  # too stiff to be lined up, where it has a kink
-    kept = vlmb.simulate(bent(base, 2, forces=[spring], plane=plane), duration=1.5)
-    assert kept.status == "finished", kept.message
-    scale = kept["kinetic"].max()
-    np.testing.assert_allclose(kept["energy"], kept["energy"][0], rtol=0, atol=1e-9 * scale)
-    assert np.ptp(kept["spring"]) > 0.1
-    times = np.linspace(0.0, 1.5, 3001)
-    lost = vlmb.simulate(bent(base, 2, forces=[{**spring, "damping": 2.0}], plane=plane), duration=1.5, t_eval=times)
-    assert np.abs(lost["balance"]).max() < 1e-9 * scale
-    assert (np.diff(lost["dissipated"]) >= -1e-12).all()
-    assert lost["dissipated"][-1] > 0.05
-    directions = {name: np.column_stack([lost[f"{name}.direction.{axis}"] for axis in "xyz"]) for name in ("link1", "link2")}
-    heading = lost["phi0"] if base["kind"] == "ski" else np.zeros(len(times))
-    directions["heading"] = np.column_stack([np.cos(heading), np.sin(heading), 0 * heading])
-    directions["base"] = np.broadcast_to([0.0, 0.0, 1.0], (len(times), 3))
-    first, second = (directions[name] for name in pair)
-    angle = np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), np.sum(first * second, axis=1))
-    rate = np.gradient(angle, times, edge_order=2)
-    fade = np.sin(angle) ** 2 / (np.sin(angle) ** 2 + FADE**2)
-    assert simpson(2.0 * rate**2 * fade, x=times) == pytest.approx(lost["dissipated"][-1], rel=2e-4)
-    np.testing.assert_allclose(lost["spring"] - lost["spring"][0], _spring(lost, angle), rtol=0, atol=1e-9 * scale)
-
-
-def _spring(trajectory: vlmb.Trajectory, angle: np.ndarray) -> np.ndarray:
-    energy = 500.0 * (angle - 1.0) ** 2
-    for i in (1, 2):
-        for which, stiffness, rest in ((1, 2000.0, 0.3), (2, 1500.0, 0.2)):
-            energy = energy + 0.5 * stiffness * (trajectory[f"xi{i}_{which}"] - rest) ** 2
-    return energy - energy[0]
-
-
 def test_segment_dampers_take_what_the_account_says() -> None:
     damped = {"length": 0.3, "stiffness": 2000.0, "damping": 25.0, "limits": [-math.inf, math.inf]}
     times = np.linspace(0.0, 1.0, 4001)
@@ -357,30 +267,6 @@ def test_a_hinge_torque_needs_an_axis() -> None:
         check(made)
     plane = scene(PIVOT, 2, plane=True, forces=[{"on": "T_link2", "law": 1.0}], start={"psi1": 0.3, "psi2": 0.3})
     check(plane)
-
-
-def test_a_direction_spring_between_lined_up_links() -> None:
-    springs = [{"between": ["link1", "link2"], "stiffness": 3.0, "rest": 0.2}]
-    straight = {"psi1": 0.3, "psi2": 0.3}
-    with pytest.raises(vlmb.SingularError, match=r"forces\[0\].*line up"):
-        check(scene(PIVOT, 2, forces=springs, start=straight))
-    check(scene(PIVOT, 2, forces=[{**springs[0], "rest": 0.0}], start=straight))
-    opposite = {"psi1": 0.3, "psi2": -0.3, "phi2": math.pi}
-    check(scene(PIVOT, 2, forces=[{**springs[0], "rest": math.pi}], start=opposite))
-
-
-def test_springs_near_the_lined_up_posture_are_smooth() -> None:
-    """A straight spring joint, rest = 0, passes its straight posture with its energy."""
-    made = scene(
-        PIVOT, 2, forces=[{"between": ["link1", "link2"], "stiffness": 60.0}],
-        start={"psi1": -1.3, "psi2": -1.1, "psi2_dot": -4.0},
-    )  # fmt: skip
-    trajectory = vlmb.simulate(made, duration=2.0)
-    assert trajectory.status == "finished", trajectory.message
-    bend = trajectory["psi2"] - trajectory["psi1"]
-    assert bend.min() < -0.05
-    assert bend.max() > 0.05
-    np.testing.assert_allclose(trajectory["energy"], trajectory["energy"][0], rtol=0, atol=1e-8 * trajectory["kinetic"].max())
 
 
 # At rest -------------------------------------------------------------------------------------------------------------

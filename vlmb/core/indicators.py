@@ -21,6 +21,8 @@ from vlmb.core.driver import (
 )
 from vlmb.core.jit import kernel
 
+DOUBT = 0.2  # of the bend of a cubic: how far off it may be where it turns
+
 
 @kernel
 def sign(x: float) -> float:
@@ -85,21 +87,25 @@ def find_suspects(driver: Driver) -> bool:
 
 @kernel
 def crosses(start: tuple[float, float, float], g1: float, m1: float, direction: float) -> bool:
-    """Whether the cubic through values g and slopes m at both ends changes sign in a direction (0: any) for x in [0, 1].
+    """Whether a function of values g and slopes m at both ends may change sign in a direction (0: any) for x in [0, 1].
 
-    `start`: side of 0 at x = 0, g0, m0.
+    `start`: side of 0 at x = 0, g0, m0. The cubic through them is a share of its bend off where a step is as long as half an
+    oscillation: where it turns that near to 0 it counts as crossing.
     """
     side, g0, m0 = start
     inside0, inside1 = g0 + m0 / 3.0, g1 - m1 / 3.0  # its Bezier points: all on one side, the curve too
-    if side > 0.0 and inside0 > 0.0 and inside1 > 0.0 and g1 > 0.0:
+    bend = max(abs(inside0 - (2.0 * g0 + g1) / 3.0), abs(inside1 - (g0 + 2.0 * g1) / 3.0))
+    near = DOUBT * bend
+    if side > 0.0 and inside0 > near and inside1 > near and g1 > 0.0:
         return False
-    if side < 0.0 and inside0 < 0.0 and inside1 < 0.0 and g1 < 0.0:
+    if side < 0.0 and inside0 < -near and inside1 < -near and g1 < 0.0:
         return False
     first, second = turning_points(g0, m0, g1, m1)
     for x in (first, second):
         if 0.0 < x < 1.0:
-            now = sign(hermite(x, g0, m0, g1, m1))
-            if leaves(side, now, direction):
+            turn = hermite(x, g0, m0, g1, m1)
+            now = sign(turn)
+            if leaves(side, now, direction) or (abs(turn) < near and leaves(side, -side, direction)):
                 return True
             side = side if now == 0.0 else now
     return leaves(side, sign(g1), direction)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from functools import partial
@@ -14,6 +15,8 @@ from vlmb.core.indicators import leaves, sign, turning_points
 from vlmb.core.samples import state_at
 
 LOOKS = 8  # evenly spaced looks at an indicator in the step, besides those where its cubic turns
+NEAREST = 1e-8  # of a turning point, relative to the larger of t and the step: its value is then right to rounding
+PLAIN = 1e-3  # of the distance to 0: a search that gains less does not reach it
 TOLERANCE = 4.0 * np.finfo(float).eps  # of a root, relative to the larger of t and the step
 
 
@@ -47,23 +50,65 @@ def crossings(driver: Driver, values: Callable[[float, Array], Array]) -> list[C
 def _crossings_of(driver: Driver, index: int, value: Callable[[float], float]) -> list[Crossing]:
     """Watched crossings of one indicator: between looks at which its sign differs."""
     column = driver.indicators[:, index]
-    before, now, side = float(driver.real[TIME_BEFORE]), float(column[VALUE_BEFORE]), float(column[SIDE])
-    found = []
-    for t in _times_to_look(driver, column):
-        earlier, now = now, (float(column[VALUE]) if t == driver.real[T_NEW] else value(t))
+    side, found = float(column[SIDE]), []
+    looks = _with_turns(_looks(driver, column, value), value)
+    for (before, earlier), (t, now) in itertools.pairwise(looks):
         if leaves(side, sign(now), column[DIRECTION]):
             crossed = sign(earlier) * sign(now) < 0.0
             found.append(Crossing(root(value, before, t, earlier, now) if crossed else before, index, int(sign(now))))
-        side, before = sign(now) or side, t
+        side = sign(now) or side
     return found
 
 
-def _times_to_look(driver: Driver, column: Array) -> list[float]:
-    """Times after the start of the step, up to its end."""
-    t0, t1, h = driver.real[TIME_BEFORE], driver.real[T_NEW], driver.real[H]
+def _looks(driver: Driver, column: Array, value: Callable[[float], float]) -> list[tuple[float, float]]:
+    """Times in the step and an indicator's values there: both ends, even spaces, and where its cubic turns."""
+    t0, t1, h = float(driver.real[TIME_BEFORE]), float(driver.real[T_NEW]), driver.real[H]
     turns = turning_points(column[VALUE_BEFORE], h * column[RATE_BEFORE], column[VALUE], h * column[RATE])
     inside = {float(t0 + x * h) for x in (*turns, *np.linspace(0.0, 1.0, LOOKS + 1)) if 0.0 < x < 1.0}
-    return [*sorted(t for t in inside if t0 < t < t1), float(t1)]
+    between = [(t, value(t)) for t in sorted(inside) if t0 < t < t1]
+    return [(t0, float(column[VALUE_BEFORE])), *between, (t1, float(column[VALUE]))]
+
+
+def _with_turns(looks: list[tuple[float, float]], value: Callable[[float], float]) -> list[tuple[float, float]]:
+    """Add where an indicator is nearest to 0 between three looks that have one sign, the middle one the nearest."""
+    found = list(looks)
+    for (a, at_a), (b, at_b), (c, at_c) in zip(looks, looks[1:], looks[2:], strict=False):
+        side = sign(at_b)
+        if side * at_a > 0.0 and side * at_c > 0.0 and side * at_b <= min(side * at_a, side * at_c):
+            found.append(least(value, (a, b, c), (at_a, at_b, at_c), side))
+    return sorted(found)
+
+
+def least(
+    value: Callable[[float], float], times: tuple[float, float, float], values: tuple[float, float, float], side: float
+) -> tuple[float, float]:
+    """Where side * value is least between three times, the middle one the best so far, and the value there.
+
+    By parabolas through the three best times, or a part of the wider side where these do not move; ends where the sign changes,
+    and where it is plain that it does not.
+    """
+    (a, b, c), (at_a, at_b, at_c) = times, values
+    for k in range(30):
+        left, right = (b - a) * (at_b - at_c), (b - c) * (at_b - at_a)
+        rest = 2.0 * (left - right)
+        t = b - ((b - a) * left - (b - c) * right) / rest if rest != 0.0 and k % 3 != 2 else b
+        shift = NEAREST * (c - a)
+        if not a < t < c or abs(t - b) < shift:
+            t = b + (max(shift, 0.4 * (c - b)) if c - b > b - a else -max(shift, 0.4 * (b - a)))
+        at_t = value(t)
+        if side * at_t < 0.0:
+            return t, at_t
+        gain = side * (at_b - at_t)
+        if gain > 0.0:
+            (a, at_a), (c, at_c) = ((b, at_b), (c, at_c)) if t > b else ((a, at_a), (b, at_b))
+            b, at_b = t, at_t
+        elif t > b:
+            c, at_c = t, at_t
+        else:
+            a, at_a = t, at_t
+        if c - a < NEAREST * max(abs(b), times[2] - times[0]) or (k > 2 and 0.0 <= gain < PLAIN * abs(at_b)):
+            break
+    return b, at_b
 
 
 def root(value: Callable[[float], float], a: float, b: float, at_a: float, at_b: float) -> float:

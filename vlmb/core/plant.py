@@ -71,6 +71,8 @@ class Memory(NamedTuple):
     row: Array  # (velocities,)
     switches: Array  # (switches, 2)
     lines: Array  # (springs, 2)
+    branches: Array  # (N, quantities, 2) `reference` at samples; N = 0: not kept
+    kept: Integers  # (1,) how many of them are
     rows: RowMemory
 
 
@@ -84,6 +86,7 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
         values=np.zeros(len(plant.force)), given=np.array(given),
         inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
         switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 2)),
+        branches=np.zeros((0, count, 2)), kept=np.zeros(1, np.int64),
         rows=make_row_memory(plant.rows, nv, size, len(given), len(plant.driven)),
     )  # fmt: skip
     prepare(plant.tape, memory.buffers, plant.parameters)

@@ -53,6 +53,7 @@ ROUNDS, ERROR_WANTED = 6, 7  # what is to be done before the next is asked for
 W, Z, K, Q, R = OWN, OWN + 3, OWN + 6, OWN + 9, OWN + 12  # rows, three each: transformed stages, stages, slopes, cubic, residuals
 MATRICES = OWN + 15  # rows, n each: Jacobian, transposed; real matrix; real and imaginary part of the complex one
 WANTED, FRESH, OLD = range(3)  # states of the Jacobian
+F_AGAIN = -1  # its column before the first: f where it is taken, since a control may have moved on by trials ahead
 MOST_ITERATIONS = 6
 SAFETY, SHRINK, GROW, HALF, KEEP = 0.9, 0.2, 10.0, 0.5, 1.2
 SLOW = 1e-3  # rate of convergence from which a new Jacobian pays
@@ -92,12 +93,13 @@ def _take(driver: Driver, stage: int) -> int:
 def _begin(driver: Driver) -> int:
     """Want a Jacobian, or go straight to the stages."""
     count = driver.counts
-    if count[STEP_INDEX] == 0 and not count[RETRY]:
+    first = count[STEP_INDEX] == 0 and not count[RETRY]
+    if first:
         count[JACOBIAN] = WANTED
         driver.real[ERROR_LAST] = 0.0
     if count[JACOBIAN] != WANTED:
         return ROUNDS
-    count[ITERATION] = 0
+    count[ITERATION] = F_AGAIN if first else 0
     return COLUMN
 
 
@@ -116,7 +118,8 @@ def _ask(driver: Driver, stage: int) -> int:
         driver.point[j] = rows[Y, j] + share * rows[shift, j] if share != 0.0 else rows[Y, j]
     if stage == COLUMN:
         column = driver.counts[ITERATION]
-        driver.point[column] += _increment(driver.point[column])
+        if column != F_AGAIN:
+            driver.point[column] += _increment(driver.point[column])
     return EVALUATE
 
 
@@ -130,6 +133,11 @@ def _increment(y: float) -> float:
 def _take_column(driver: Driver) -> int:
     """Row MATRICES + j is the derivative of f by state j."""
     rows, column = driver.rows, driver.counts[ITERATION]
+    if column == F_AGAIN:
+        for j in range(driver.slope.shape[0]):
+            rows[F, j] = driver.slope[j]
+        driver.counts[ITERATION] = 0
+        return COLUMN
     moved = driver.point[column] - rows[Y, column]
     for j in range(driver.slope.shape[0]):
         rows[MATRICES + column, j] = (driver.slope[j] - rows[F, j]) / moved
@@ -235,7 +243,7 @@ def _newton_step(driver: Driver) -> float:
 def _give_up(driver: Driver) -> int:
     """Iterate again with a Jacobian of this place, or with half the step."""
     if driver.counts[JACOBIAN] != FRESH:
-        driver.counts[ITERATION] = 0
+        driver.counts[ITERATION] = F_AGAIN
         return COLUMN
     driver.real[H_NEXT] = HALF * driver.real[H]
     return REJECTED

@@ -5,7 +5,19 @@ from __future__ import annotations
 import math
 
 from vlmb.core import tree as of
-from vlmb.core.driver import EVALUATE, FAILED, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import (
+    EVALUATE,
+    FAILED,
+    FAILURE,
+    FIRST_FAILURE,
+    H_MAX,
+    INDICATE,
+    NEXT_SAMPLE,
+    RATE,
+    TIME,
+    VALUE,
+    Driver,
+)  # fmt: skip
 from vlmb.core.jit import kernel
 from vlmb.core.march import march
 from vlmb.core.places import link_direction
@@ -41,11 +53,13 @@ BEGIN, END, LONGEST = range(3)  # columns of `bounds`
 def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: float) -> int:
     """Go on to the next thing that only the caller can answer: see the codes of `driver`.
 
-    bounds (count, 3): from begin to end [s] no step is longer than the third; h_max [s] holds everywhere.
+    bounds (count, 3): from begin to end [s], in order, no step is longer than the third; h_max [s] holds everywhere.
     """
     answers, real, code = driver.counts, driver.real, EVALUATE
     while code in (EVALUATE, INDICATE):
         code = march(driver)
+        if memory.branches.shape[0] > 0:
+            keep_branches(memory, answers[NEXT_SAMPLE])
         if code == EVALUATE:
             answers[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
         elif code == INDICATE:
@@ -55,6 +69,15 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
             real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
             indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
     return code
+
+
+@kernel
+def keep_branches(memory: Memory, taken: int) -> None:
+    """Keep the branches of angles at the samples taken since."""
+    for k in range(memory.kept[0], taken):
+        for j in range(memory.reference.shape[0]):
+            memory.branches[k, j, 0], memory.branches[k, j, 1] = memory.reference[j, 0], memory.reference[j, 1]
+    memory.kept[0] = max(memory.kept[0], taken)
 
 
 @kernel
@@ -77,10 +100,10 @@ def accept(plant: Plant, memory: Memory, y: Array) -> int:
 @kernel
 def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
     """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
-    longest = h_max
-    for k in range(bounds.shape[0]):
-        if bounds[k, END] > t:
-            longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
+    longest, k = h_max, first_after(bounds, t)
+    while k < bounds.shape[0] and bounds[k, BEGIN] - t < longest:
+        longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
+        k += 1
     for k in range(plant.quantities.kind.shape[0]):
         if plant.quantities.kind[k, KIND] == AZIMUTH or plant.quantities.kind[k, KIND] == ELEVATION:
             d, u, _ = link_direction(plant.tree, y, plant.quantities.kind[k, LINK])
@@ -89,6 +112,19 @@ def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) 
             if speed * longest > TURN * off_pole:
                 longest = TURN * off_pole / speed
     return longest
+
+
+@kernel
+def first_after(bounds: Array, t: float) -> int:
+    """Return the first row of bounds that ends after t; they stand in order."""
+    low, high = 0, bounds.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if bounds[middle, END] > t:
+            high = middle
+        else:
+            low = middle + 1
+    return low
 
 
 @kernel

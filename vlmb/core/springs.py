@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from vlmb.core import places
-from vlmb.core.angles import POLE, plane_angle, push_plane_elevation
+from vlmb.core.angles import plane_angle, push_plane_elevation
 from vlmb.core.jit import kernel
 from vlmb.core.scalars import NAN, atan2, sqrt
 from vlmb.core.tree import Array, Integers, Tree
@@ -20,6 +20,7 @@ from vlmb.core.triples import Vector, cross, dot, plus, scaled
 LINKS, ON_BASE, IN_PLANE = range(3)  # between two links; from NORMAL or HEADING (first) to a link; between two links of a plane
 FIRST, SECOND, FORM = range(3)  # columns of `pair`
 STIFFNESS, DAMPING, REST = range(3)  # columns of `constant`
+IN_LINE = 1e-9  # sin(angle) below which two directions have no axis between them
 
 
 class AngleSprings(NamedTuple):
@@ -33,11 +34,11 @@ class AngleSprings(NamedTuple):
 def torque_over_sine(k: float, rest: float, sine: float, cosine: float) -> float:
     """Return -k (theta - rest) / sin theta; nan where the two directions line up and theta is not at rest."""
     off = atan2(sine, cosine) - rest
-    if sine > POLE:
+    if sine > IN_LINE:
         return -k * off / sine
     if k == 0.0:
         return 0.0
-    if abs(off) > 2.0 * POLE:
+    if abs(off) > 2.0 * IN_LINE:
         return NAN
     return -k if cosine > 0.0 else k
 
@@ -83,7 +84,7 @@ def add_in_space(springs: AngleSprings, k: int, tree: Tree, y: Array, out: Array
     if springs.pair[k, FORM] == ON_BASE:
         lost = damp_on_base(tree, y, second, b[0], b[1], damping, out)
     elif damping != 0.0:
-        rate = -(dot(a[1], b[0]) + dot(a[0], b[1])) / sine if sine > POLE else NAN
+        rate = -(dot(a[1], b[0]) + dot(a[0], b[1])) / sine if sine > IN_LINE else NAN
         lost = damping * rate * rate
         ratio -= damping * rate / sine
     if ratio != 0.0 and ratio == ratio:

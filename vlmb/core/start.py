@@ -16,7 +16,6 @@ from vlmb.core.driver import (
     FIRST_INDICATORS,
     FIRST_SLOPE,
     GO,
-    H_MAX,
     H_NEXT,
     INDICATE,
     LAST_FIXED,
@@ -89,7 +88,7 @@ def _choose_first_step(driver: Driver) -> int:
     count[PHASE] = TRIAL
     if count[METHOD] <= LAST_FIXED:
         way = real[END] - real[START]
-        count[STEP_COUNT] = max(1, math.ceil(way / min(real[H_NEXT], real[H_MAX]) - NO_STEP))
+        count[STEP_COUNT] = max(1, math.ceil(way / real[H_NEXT] - NO_STEP))
         real[H_NEXT] = way / count[STEP_COUNT]
         return GO
     if real[H_NEXT] > 0.0:

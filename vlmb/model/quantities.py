@@ -93,6 +93,12 @@ class QuantityTable:
                 found[k] = at - 1, at
         return found
 
+    def angles(self) -> list[tuple[int, int]]:
+        """List the rows that are azimuths or elevations in space, with the place of the link's elevation among coordinates."""
+        layout, order = self.arrays.layout, self.arrays.order
+        kinds = (core.AZIMUTH, core.ELEVATION)
+        return [(k, layout.place("psi", order[row])) for k, (kind, row, *_) in enumerate(self.rows) if kind in kinds]
+
     def reference(self, coordinates: Array) -> Array:
         """Return the branches (count, 2) of azimuth and elevation that coordinates (N,) are on."""
         found, layout = np.zeros((len(self.rows), 2)), self.arrays.layout

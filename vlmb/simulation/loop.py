@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vlmb.core.driver import (
     ANSWER,
+    AT_START,
     CROSSING,
     DIVERGED,
     DONE,
@@ -21,6 +22,8 @@ from vlmb.core.driver import (
     HIT,
     NEXT_SAMPLE,
     NOT_FINITE,
+    OVER,
+    PHASE,
     SLICE,
     SLICE_SIZE,
     STEPS,
@@ -28,7 +31,11 @@ from vlmb.core.driver import (
     STOP_TIME,
     STOPPED,
     TIME,
+    TIME_BEFORE,
+    ZERO,
+    ZERO_RATE,
     Driver,
+    Y,
     begin,
     make_driver,
     resume,
@@ -47,7 +54,7 @@ FIRST_SLICE = 200  # evaluations
 IN_LINE = 1e-6  # sine of an angle below which two directions line up
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
-UNDER = 1e-12  # [m] of a point under the snow at the start
+UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
 STUCK_TEXT = "the steps became too small to go on: the motion is too stiff, or singular, here"
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
@@ -79,7 +86,7 @@ class Engine(Protocol):
         ...
 
     def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators (e,) of all events."""
+        """Return the indicators of all events and their rates (2, e)."""
         ...
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
@@ -115,11 +122,11 @@ class Loop:
 
     def __init__(
         self, engine: Engine, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
-        progress: Callable[[float], None] | None = None,
+        progress: Callable[[float], None] | None = None, longest: float = np.inf,
     ) -> None:  # fmt: skip
         self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
         self.method = find_method(run.method)
-        self.h_max = np.inf if run.max_step is None else run.max_step
+        self.h_max = longest if run.max_step is None else run.max_step
         step = 0.0 if self.method.adaptive else run.step or DEFAULT_STEP
         directions = np.array([event.direction for event in engine.events])
         self.driver = make_driver(
@@ -127,10 +134,14 @@ class Loop:
             slice_size=FIRST_SLICE,
         )  # fmt: skip
         self.driver.point[:] = y
+        ends = [event.ends for event in engine.events]
+        self.driver.indicators[ZERO, ends] = self.driver.indicators[ZERO_RATE, ends] = UNDER
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
         self.stop = Event(SWITCH, 0.0, "", "")  # what stopped the last step
+        self.told = start  # time that progress was told last
+        self.kept = len(times)  # samples, at most
         self._refuse_start()
 
     @property
@@ -145,14 +156,14 @@ class Loop:
 
     def failed_by(self, error: Exception) -> str:
         """Return the sentence for an error that went through."""
-        self._note_time()
+        self._go_back()
         source = "the control raised " if self.engine.raised(error) else ""
         return f"failed at t = {self.t:.6g} s: {source}{type(error).__name__}: {error}"
 
     @property
     def recorded(self) -> Recorded:
         """The samples so far; the instant of the event that ended the run is the last; one at least."""
-        count = int(self.driver.counts[NEXT_SAMPLE])
+        count = min(int(self.driver.counts[NEXT_SAMPLE]), self.kept)
         t, states = self.driver.times[:count], self.driver.samples[:count]
         instant = self.extra
         if instant is None and not count:
@@ -164,6 +175,9 @@ class Loop:
     def run(self) -> tuple[str, str]:
         """Go to the last sample; return a status and a sentence. What user code raises goes through."""
         try:
+            sentence = self._at_start()
+            if sentence is not None:
+                return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
                 sentence = self._stretch(end)
                 if sentence is not None:
@@ -175,7 +189,7 @@ class Loop:
                     why = self.engine.why(self.t, self.driver.point)
             return "failed", f"failed at t = {self.t:.6g} s: {error}{why}"
         except KeyboardInterrupt:
-            self._note_time()
+            self._go_back()
             return "interrupted", f"interrupted at t = {self.t:.6g} s; the part so far is kept"
         return "finished", f"finished at t = {self.last:.6g} s."
 
@@ -189,11 +203,13 @@ class Loop:
             code = self._slice()
             if code == DONE:
                 self.t = end
+                self._tell()
                 return None
             if code == CROSSING:
                 self._answer()
             elif code == STOPPED:
                 self._note_time()
+                self._tell()
                 sentence = self._after_stop()
                 if sentence is not None:
                     return sentence
@@ -201,7 +217,11 @@ class Loop:
                 resume(self.driver, self.t, until)
             elif code != SLICE:
                 self._note_time()
-                raise self._failure(code)
+                error = self._failure(code)
+                sentence = self._in_line(error)
+                if sentence is None:
+                    raise error
+                return sentence
 
     def _slice(self) -> int:
         """Run for a bounded time, so that signals are looked at."""
@@ -211,15 +231,31 @@ class Loop:
             share = SLICE_SECONDS / max(time.perf_counter() - began, 1e-6)
             size = int(self.driver.counts[SLICE_SIZE])
             self.driver.counts[SLICE_SIZE] = int(min(max(size * min(max(share, 0.2), 5.0), 20), 1e9))
-        if self.tell is not None:
             self._note_time()
-            self.tell(min(self.t, self.last))
+            self._tell()
         return code
+
+    def _tell(self) -> None:
+        """Tell the times of the samples taken since, or the time reached where there are none.
+
+        A progress that raises ends the run at the time it was told: what was computed beyond is not kept.
+        """
+        if self.tell is None:
+            return
+        taken = self.driver.times[: self.driver.counts[NEXT_SAMPLE]]
+        for reached in taken[np.searchsorted(taken, self.told, side="right") :].tolist() or [self.t]:
+            if reached > self.told:
+                self.told = reached
+                try:
+                    self.tell(reached)
+                except BaseException:
+                    self.kept = int(np.searchsorted(taken, reached, side="right"))
+                    raise
 
     def _answer(self) -> None:
         """Note the first crossing of a step that counts, and answer."""
         driver = self.driver
-        found = crossings(driver, self.engine.indicators)
+        found = crossings(driver, lambda t, y: self.engine.indicators(t, y)[0])
         driver.indicators[HIT] = 0.0
         driver.counts[ANSWER] = GO_ON
         for crossing in found:
@@ -238,6 +274,14 @@ class Loop:
         state_at(self.driver, crossing.t, y)
         return self.engine.in_line(event, crossing.t, y) < IN_LINE
 
+    def _in_line(self, error: VlmbError) -> str | None:
+        """Return the sentence of a line-up that a step could not get nearer to: the torque beyond it has no axis yet."""
+        for event in self.engine.events if isinstance(error, SingularError) else ():
+            if event.kind == LINE_UP and self.engine.in_line(event, self.t, self.driver.point) < IN_LINE:
+                self._end_here()
+                return event.sentence
+        return None
+
     def _after_stop(self) -> str | None:
         """Return the sentence of an event that ends the run; a switch only begins a new step."""
         event = self.stop
@@ -252,6 +296,15 @@ class Loop:
             )
         self._end_here()
         return event.sentence
+
+    def _at_start(self) -> str | None:
+        """Return the sentence of a limit, or of the snow, that the motion starts on and leaves the wrong way."""
+        values, rates = self.engine.indicators(self.t, self.driver.point) if self.engine.events else ((), ())
+        for event, value, rate in zip(self.engine.events, values, rates, strict=True):
+            if event.ends and abs(value) <= UNDER and rate < -UNDER:
+                self.extra = self.t, np.array(self.driver.point)
+                return event.sentence
+        return None
 
     def _end_here(self) -> None:
         """Keep the instant at which an event ends the run."""
@@ -272,12 +325,22 @@ class Loop:
         return SimulationError(STUCK_TEXT if code != FAILED else "an evaluation has no answer here")
 
     def _note_time(self) -> None:
-        self.t = float(self.driver.real[TIME])
+        """Note the time reached: of the last accepted state, or of the stop or the end within its step."""
+        over = self.driver.counts[PHASE] == OVER
+        self.t = float(self.driver.real[TIME if over else TIME_BEFORE])
+
+    def _go_back(self) -> None:
+        """Take the last accepted state as the one reached, where a run is left in the middle of a step."""
+        if self.driver.counts[PHASE] not in (AT_START, OVER):
+            self.driver.point[:] = self.driver.rows[Y]
+            self._note_time()
+        if self.kept < len(self.driver.times):
+            self.t = min(self.t, self.told)
 
     def _refuse_start(self) -> None:
         """Raise SceneError for a start with a point under the snow."""
         watched = [(k, event) for k, event in enumerate(self.engine.events) if event.kind == FALL]
-        heights = self.engine.indicators(self.t, self.driver.point) if watched else ()
+        heights = self.engine.indicators(self.t, self.driver.point)[0] if watched else ()
         for k, event in watched:
             if heights[k] < -UNDER:
                 raise SceneError(f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi, or set run.fall = false")

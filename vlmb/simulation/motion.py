@@ -14,6 +14,7 @@ from vlmb.core.tree import AT_P
 from vlmb.model.arrays import pinocchio_states
 from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures, read_along
+from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.frames import LinkFrames
 from vlmb.system.springs import spring_energy
 from vlmb.system.system import System
@@ -46,6 +47,8 @@ class Motion:
         layout = self.system.mechanism.layout
         if self.engine == "core":
             q, v = pinocchio_states(self.postures)
+            if layout.base == "ski":
+                v[:, SIDEWAYS] = 0.0  # its knife edge is crossed out, not computed
         else:
             q, v = self.states[:, : layout.nq], self.states[:, layout.nq : layout.nq + layout.nv]
         return read_only(q), read_only(v)

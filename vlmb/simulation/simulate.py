@@ -27,6 +27,7 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
+from vlmb.system.pace import longest_steps
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
@@ -72,7 +73,8 @@ def simulate(
     step : [s] of fixed-step methods
     gain : [1/s] Baumgarte gain of the knife edge as a multiplier
     engine : `auto`, `core` (compiled) or `pinocchio`
-    max_step : [s] longest step of adaptive methods
+    max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
+        cannot be looked at before, has one look in 1 / run.samples at least
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
@@ -104,8 +106,8 @@ def simulate(
         y = mover.pack(begin.state)
         said = jumps(start, begin) if isinstance(start, End) else []
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
-        bounds = system.core_plan.step_bounds(t0, t0 + run.duration)
-        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress)
+        bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
+        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, TIME, Driver
+from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
 from vlmb.core.march import march
 from vlmb.core.plant import FROM_SIDE, SOURCES, evaluate, make_memory, onto_edge
 from vlmb.core.row_arrays import PROJECTION
@@ -16,16 +16,17 @@ from vlmb.core.springs import line_ups
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.reading import read_along
 from vlmb.system.core_faults import fault
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.core_rows import solved_programme
+from vlmb.system.diagnostics import HUGE
 from vlmb.system.events import Event
 from vlmb.system.forces import Control, ControlReader, StateView, known_rows
 from vlmb.system.programme import weakness
 
 Array = NDArray[np.float64]
 
-CONTROLLED = 99  # code of an evaluation in which the control failed
 
 
 class CoreEngine:
@@ -40,6 +41,8 @@ class CoreEngine:
         self.reader = None if control is None else ControlReader(control, inputs)
         self.branch = self.start = np.zeros(len(mechanism.layout.names))
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
+        self.branches: list[Array] = []  # and the coordinates near which it read angles
+        self.errors: list[VlmbError] = []  # of the control, since the last accepted step
         self.scratch = np.zeros((9, len(plan.events)))
         self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
 
@@ -61,6 +64,8 @@ class CoreEngine:
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
         if self.reader is None:
+            if self.plan.reads_angles and not len(self.memory.branches):
+                self.memory = self.memory._replace(branches=np.zeros((len(driver.times), *self.memory.reference.shape)))
             return run(self.plan.plant, self.memory, driver, bounds, h_max)
         return self._run_controlled(driver, bounds, h_max)
 
@@ -72,6 +77,8 @@ class CoreEngine:
         code = evaluate(self.plan.plant, self.memory, t, np.ascontiguousarray(y), dy)
         if code:
             raise self.fault(code)
+        if not np.isfinite(dy).all():
+            raise SimulationError("the accelerations are not finite: a position, velocity or force is too large to compute with")
         return dy
 
     def accept(self, t: float, y: Array) -> None:
@@ -106,8 +113,9 @@ class CoreEngine:
         return self.reader is not None and error is self.reader.failure
 
     def note(self, t: float, y: Array) -> None:
-        """Record the forces of the control at a state that is kept beside the samples."""
+        """Record the forces of the control, and the branch of angles, at a state that is kept as a sample."""
         if self.reader is not None:
+            self.branches.append(self.branch)
             self.asked.append(np.array(self._ask(t, y)))
 
     def stored(self, t: Array, states: Array) -> Array:
@@ -120,19 +128,32 @@ class CoreEngine:
         return found
 
     def sampled(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return the control's forces (N, S) at samples, nan where not known, and the branch (1, coordinates) of the start."""
-        return known_rows(self.asked, len(t), len(self.memory.inputs)), self.start[None]
+        """Return the forces (N, S) of the control at samples, nan where not known, and the branches (N or 1, coordinates)."""
+        return known_rows(self.asked, len(t), len(self.memory.inputs)), self._branches_at(t, states)
+
+    def _branches_at(self, t: Array, states: Array) -> Array:
+        """Return the branches at samples where a force or the control reads angles; others go on from that of the start."""
+        if self.reader is not None:
+            return np.array([*self.branches[: len(t)], *[self.branch] * (len(t) - len(self.branches))])
+        if not self.plan.reads_angles:
+            return self.start[None]
+        found = read_along(self.plan.postures(t, states), t, self.start[None])[0]
+        kept = min(int(self.memory.kept[0]), len(t))
+        references = np.concatenate([self.memory.branches[:kept], np.tile(self.memory.reference, (len(t) - kept, 1, 1))])
+        for k, at in self.plan.table.angles():
+            found[:, at - 1 : at + 1] = references[:, k]
+        return found
 
     def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators (e,) of all events."""
+        """Return the indicators of all events and their rates (2, e)."""
         indicate(self.plan.plant, self.memory, t, y, np.zeros(self.size), self.scratch)
-        return np.array(self.scratch[0])
+        return np.array(self.scratch[VALUE : RATE + 1])
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
         code = int(driver.counts[FIRST_FAILURE])
-        if code == CONTROLLED and self.reader is not None and isinstance(self.reader.failure, VlmbError):
-            return self.reader.failure
+        if 0 < code <= len(self.errors):
+            return self.errors[code - 1]
         return self.fault(code) if code else None
 
     def fault(self, code: int) -> VlmbError:
@@ -149,9 +170,11 @@ class CoreEngine:
                 try:
                     self._ask(float(real[TIME]), driver.point)
                     counts[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
-                except VlmbError:
-                    counts[FAILURE] = CONTROLLED
+                except VlmbError as error:
+                    self.errors.append(error)
+                    counts[FAILURE] = len(self.errors)
             elif code == INDICATE:
+                self.errors.clear()
                 self._accepted(float(real[TIME]), driver.point)
                 real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
@@ -162,10 +185,12 @@ class CoreEngine:
         """Ask the control, once, for the forces at each sample written since."""
         while len(self.asked) < driver.counts[NEXT_SAMPLE]:
             at = len(self.asked)
-            self.asked.append(np.array(self._ask(float(driver.times[at]), driver.samples[at])))
+            self.note(float(driver.times[at]), driver.samples[at])
 
     def _ask(self, t: float, y: Array) -> list[float]:
         assert self.reader is not None
+        if not np.abs(y).max() < HUGE:
+            raise SimulationError("a position or velocity is too large to compute with")
         values = self.reader.ask(self.view(t, y))
         self.memory.inputs[:] = values
         return values

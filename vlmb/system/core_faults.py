@@ -63,14 +63,17 @@ def _law(plan: CorePlan, k: int) -> str:
 def _without_inertia(mechanism: Mechanism, cause: int, name: str) -> VlmbError:
     if cause == links.NO_DIRECTION:
         return SimulationError(f"the state of {name} is not finite: a position or velocity is too large to compute with")
-    motion = {
-        links.FREE_TIP: f"a free segment of {name!r} moves its tip along the link",
-        links.FREE_ROD: f"the rod of {name!r} slides between two free segments",
-        links.TURNING: f"{name!r} turns about its hinge",
-        links.FREE_BASE: "the base moves",
+    layout = mechanism.layout
+    own = [c for c in layout.coordinates if c.link >= 0 and layout.links[c.link].name == name]
+    lengths, angles = ([c.name for c in own if (c.kind == "xi") == along] for along in (True, False))
+    moves = {
+        links.FREE_TIP: f"{lengths[-1] if lengths else 'its length'} of {name}",
+        links.FREE_ROD: f"{' and '.join(lengths)} of {name}, its rod between two free segments,",
+        links.TURNING: f"{' and '.join(angles)} of {name}",
+        links.FREE_BASE: " ".join(c.name for c in layout.coordinates if c.link < 0),
     }[cause]
     hints = " ".join(mechanism.warnings)
-    return SingularError(f"the mass matrix is singular: {motion} without inertia. {hints}".rstrip())
+    return SingularError(f"the mass matrix is singular: {moves} can move without inertia. {hints}".rstrip())
 
 
 def _of_rows(mechanism: Mechanism, plan: CorePlan, memory: Memory, what: int) -> VlmbError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,7 @@ from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings
-from vlmb.core.time_scan import time_scale
 from vlmb.model.arrays import Arrays, make_arrays
-from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.model.quantities import QuantityTable, allowed_names
@@ -37,7 +36,6 @@ from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
 
-MOST_BOUNDS = 256  # of steps in time, which are gone through after every step
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +57,11 @@ class CorePlan:
     def __repr__(self) -> str:
         sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
         return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {listed(self.acting) or 'none'}>"
+
+    @cached_property
+    def reads_angles(self) -> bool:
+        """Whether a force or a law goes by an azimuth or an elevation in space, whose branch is kept then."""
+        return bool(self.table.angles())
 
     @property
     def positions(self) -> int:
@@ -83,15 +86,6 @@ class CorePlan:
                 found[k] = coordinates[layout.place("psi", spring.second)] - coordinates[layout.place("psi", spring.first)]
         return found
 
-    def step_bounds(self, begin: float, end: float) -> Array:
-        """Return (count, 3) begin, end and longest step [s]: no step may pass over something that a law of time does."""
-        scale = time_scale(self.plant.tape, self.plant.parameters, begin, end)
-        steps = scale.steps[scale.steps[:, 2] < end - begin]
-        if len(steps) <= MOST_BOUNDS:
-            return np.ascontiguousarray(steps)
-        groups = np.array_split(steps, MOST_BOUNDS)
-        return np.array([(group[0, 0], group[-1, 1], group[:, 2].min()) for group in groups])
-
     def given_at(self, memory: Memory, t: Array) -> Array:
         """Return the lengths (N, n, 6) that are not free, with two derivatives, at times t (N,)."""
         found = np.empty((len(t), *self.arrays.given.shape))
@@ -114,14 +108,14 @@ def obstacle(mechanism: Mechanism) -> str | None:
 
 def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
-    inputs: Sequence[str], work_names: Sequence[str], constraints: ConstraintSet | None = None,
+    inputs: Sequence[str] | None, work_names: Sequence[str], constraints: ConstraintSet | None = None,
     programme: ProgrammePlan | None = None, watching: bool = False,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
     Parameters
     ----------
-    inputs : forces whose values come from outside
+    inputs : forces whose values come from outside; None where nobody is asked for any
     work_names : of the work states in their order
     constraints : ideal rows, those of the programme, secondary ones
     watching : the core only looks for events, on a ski that may slip sideways; another engine moves
@@ -143,7 +137,10 @@ def make_core_plan(
             roots.append(parse(entry.law, f"forces[{index}].law", allowed))
             laws.append((force.name, roots[-1].text))
             acting.append(force.name)
-    for at, name in enumerate(inputs):
+    if inputs is not None and not arrays.layout.plane:  # a control may read any angle: no step may swing one past its branch
+        for i in range(len(arrays.layout.links)):
+            table.of(mechanism.names.find(f"psi{i + 1}"))
+    for at, name in enumerate(inputs or ()):
         force = mechanism.names.force(name, "control")
         forces.append((table.along(force), -1 - at, works[name]))
         acting.append(name)
@@ -161,7 +158,8 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    if not events and (watching or roots or len(rows.table) or _reads_angles(table)):
+    looked_at = watching or inputs is not None or _reads_angles(table) or any("t" in root.names for root in roots)
+    if not events and (looked_at or len(rows.table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
@@ -212,7 +210,7 @@ def _watched(
         events.append(event)
 
     for c in mechanism.layout.coordinates:
-        if c.kind == "xi" and segment_of(mechanism.layout, c).motion == "free":
+        if c.kind == "xi":
             for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
                 if math.isfinite(bound):
                     place = table.of(mechanism.names.find(c.name))
@@ -227,9 +225,12 @@ def _watched(
         if depends == op.OF_STATE and kind != op.EDGE:
             add(core.SWITCH, k, 1.0, 0.0, Event(SWITCH, BOTH_WAYS, compiled.source(operation), ""))
     for k, spring in enumerate(springs):
-        if min(spring.first, spring.second) >= 0 and not mechanism.layout.plane and (spring.rest or spring.damping):
-            names = " and ".join(mechanism.layout.links[i].name for i in (spring.first, spring.second))
-            add(core.LINE_UP, k, 1.0, 0.0, Event(LINE_UP, BOTH_WAYS, spring.name, f"{spring.name}: {names} line up"))
+        way = spring.singular_line_up(mechanism.layout)
+        if way is not None:
+            own = {-1: "the base", -2: "the heading"}
+            first, second = (own.get(i) or mechanism.layout.links[i].name for i in (spring.first, spring.second))
+            sentence = f"{spring.name}: {first} and {second} line up, where its torque has no axis to turn about"
+            add(core.LINE_UP, k, 1.0, 0.0, Event(LINE_UP, way, spring.name, sentence))
     return watch, bounds, events
 
 

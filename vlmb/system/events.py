@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 LIMIT, FALL, SWITCH, LINE_UP, QUIET = range(5)  # kinds of events; QUIET never happens
-FALLING, BOTH_WAYS = -1.0, 0.0
+FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 
 
 class Event(NamedTuple):
@@ -18,5 +18,5 @@ class Event(NamedTuple):
 
     @property
     def ends(self) -> bool:
-        """Whether it ends a run; a switch only begins a new step."""
+        """Whether it ends a run wherever it happens: a limit, or a fall."""
         return self.kind in (LIMIT, FALL)

@@ -12,16 +12,17 @@ from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, 
 from vlmb.core.march import march
 from vlmb.core.plant import make_memory
 from vlmb.core.run import indicate, longest_step
+from vlmb.core.springs import line_ups
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
-from vlmb.system.events import Event
+from vlmb.system.core_reading import CoreReading
+from vlmb.system.events import LIMIT, QUIET, Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
 CLOSEST = 1e-7  # [s] of a step, at least, where azimuths swing
-REMEMBERED = 64  # failures of evaluations
 
 
 class PinocchioEngine:
@@ -37,8 +38,11 @@ class PinocchioEngine:
         watch = self.watch
         self.workspace, self.start = system.workspace(control, branch), list(branch)
         self.memory = make_memory(watch.plant, watch.arrays.given)
+        kinds = {event.kind for event in watch.events} - {QUIET}
+        self.reading = CoreReading(watch.arrays, self.workspace.frames, kinds != {LIMIT}) if kinds else None
+        self.still = np.zeros(watch.positions + watch.velocities)
         self.size = self.workspace.size
-        self.errors: list[VlmbError] = []
+        self.errors: list[VlmbError] = []  # of evaluations since the last accepted step
         self.scratch = np.zeros((9, len(watch.events)))
         self.asked: list[Array] = []
         self.branches: list[list[float]] = []
@@ -64,13 +68,16 @@ class PinocchioEngine:
                     driver.slope[:] = rhs(float(real[TIME]), driver.point)
                     counts[FAILURE] = 0
                 except VlmbError as error:
-                    self.errors = [*self.errors[-REMEMBERED:], error]
+                    self.errors.append(error)
                     counts[FAILURE] = len(self.errors)
             elif code == INDICATE:
-                self.accept(float(real[TIME]), driver.point)
-                longest = longest_step(self.watch.plant, bounds, h_max, real[TIME], self._core_state(driver.point))
+                self.errors.clear()
+                t, y = float(real[TIME]), driver.point
+                self.accept(t, y)
+                seen = self._core_state(y)
+                longest = longest_step(self.watch.plant, bounds, h_max, t, seen)
                 real[H_MAX] = min(longest, max(self.room, CLOSEST))
-                driver.indicators[VALUE : RATE + 1] = self._indicators(float(real[TIME]), driver.point)
+                indicate(self.watch.plant, self.memory, t, seen, self.still, driver.indicators)
             else:
                 return int(code)
 
@@ -83,19 +90,21 @@ class PinocchioEngine:
         _, self.room = self.workspace.accept(t, y)
 
     def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators (e,) of all events."""
-        return self._indicators(t, y)[0]
+        """Return the indicators of all events and their rates (2, e)."""
+        indicate(self.watch.plant, self.memory, t, self._core_state(y), self.still, self.scratch)
+        return np.array(self.scratch[VALUE : RATE + 1])
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
-        first, second = next((s.first, s.second) for s in self.system.direction_springs if s.name == event.name)
-        seen = self.system.mechanism.postures(self.workspace.unpack(t, y))
-        return float(np.linalg.norm(np.cross(seen.directions[first], seen.directions[second])))
+        springs = self.watch.plant.springs
+        line_ups(springs, self.watch.plant.tree, self._core_state(y), self.memory.lines)
+        names = [spring.name for spring in self.watch.springs]
+        return float(self.memory.lines[names.index(event.name), 0])
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
         code = int(driver.counts[FIRST_FAILURE])
-        return self.errors[min(code, len(self.errors)) - 1] if code and self.errors else None
+        return self.errors[code - 1] if 0 < code <= len(self.errors) else None
 
     def why(self, t: float, y: Array) -> str:
         """Add what the mass matrix or the programme says about a place where a run failed."""
@@ -137,13 +146,9 @@ class PinocchioEngine:
         self.asked.append(self.workspace.inputs(t, self.workspace.unpack(t, y)))
         self.branches.append(self.workspace.branch)
 
-    def _indicators(self, t: float, y: Array) -> Array:
-        core = self._core_state(y)
-        indicate(self.watch.plant, self.memory, t, core, np.zeros(len(core)), self.scratch)
-        return self.scratch[VALUE : RATE + 1]
-
     def _core_state(self, y: Array) -> Array:
-        """Return directions and lengths of a state."""
-        workspace = self.workspace
-        q = pin.normalize(workspace.mechanism.model, y[: workspace.nq])
-        return self.watch.arrays.pack(q, np.array(y[workspace.nq : workspace.nq + workspace.nv]))
+        """Return directions and lengths of a state, and their rates; where nothing is looked for, nothing."""
+        if self.reading is None:
+            return self.still
+        nq, nv = self.workspace.nq, self.workspace.nv
+        return self.reading.read(pin.normalize(self.workspace.mechanism.model, y[:nq]), y[nq : nq + nv])

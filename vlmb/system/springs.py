@@ -13,60 +13,37 @@ from vlmb.errors import SceneError, SingularError, nearest
 from vlmb.model.layout import Layout, SegmentIndex
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.tables import BASE, Segment
+from vlmb.system.events import BOTH_WAYS, FALLING, RISING
 from vlmb.system.frames import LinkFrames, Vector, between, cross
 
 Array = NDArray[np.float64]
 Write = Callable[[Array, Array], None]
 
 FEW = 8  # segments that are faster one by one than all at once
-NEAR = 0.2  # of the range of a length: one that comes so near to a limit is told
 HEADING = "heading"  # the base's horizontal direction in `between`; "base" is the surface normal
 
 
 class SegmentSprings:
-    """Forces of the free segments' spring-dampers, F = -k (xi - rest) - c xidot, written into a buffer.
-
-    `guarded`: whether every evaluation looks at the lengths, so that `near` tells when one came near its limits or left them.
-    `few`: indices into y and tau, stiffness, preload and near limits of each, where there are few.
-    """
+    """Forces of the free segments' spring-dampers, F = -k (xi - rest) - c xidot, written into a buffer."""
 
     def __init__(self, segments: Sequence[tuple[Segment, SegmentIndex]], nq: int) -> None:
-        self.near = False
+        self.nq = nq
         self.dampers = [(nq + at.v, segment.damping) for segment, at in segments if segment.damping]
-        self.guarded, self.nq = len(segments) <= FEW, nq
-        self.segments = segments
-        self.few: list[tuple[int, int, float, float, float, float]] = []
-        self.watch()
-        self.write = self._one_by_one() if self.guarded else self._at_once(segments)
-
-    def watch(self, y: Array | None = None) -> None:
-        """Forget what was near, and tell from now on of lengths within NEAR of their range from a limit.
-
-        The range is that between two limits, else the way to the one from the farthest of length, rest and the length in y.
-        """
-        self.near, self.few[:] = False, []
-        for segment, at in self.segments if self.guarded else ():
-            k, (low, high) = segment.stiffness, segment.bounds
-            known = [at.length, segment.rest_length, *([] if y is None else [y.item(at.q)])]
-            room = high - low if math.isfinite(high - low) else max(abs(x - (low if math.isfinite(low) else high)) for x in known)
-            zone = NEAR * room if math.isfinite(room) else 0.0
-            self.few.append((at.q, at.v, k, k * segment.rest_length, low + zone, high - zone))
+        self.write = self._one_by_one(segments) if len(segments) <= FEW else self._at_once(segments)
 
     def dissipation(self, y: Array) -> float:
         """Power lost in the dampers [W]."""
         return sum(damping * y.item(at) ** 2 for at, damping in self.dampers)
 
-    def _one_by_one(self) -> Write:
+    def _one_by_one(self, segments: Sequence[tuple[Segment, SegmentIndex]]) -> Write:
         """Scalars, a fraction of numpy's time for few segments; tau is left as it is elsewhere."""
-        few, damped = self.few, [(at - self.nq, at, damping) for at, damping in self.dampers]
+        damped = [(at - self.nq, at, damping) for at, damping in self.dampers]
+        few = [(at.q, at.v, segment.stiffness, segment.stiffness * segment.rest_length) for segment, at in segments]
 
         def write(y: Array, tau: Array) -> None:
             item = y.item
-            for q, v, k, preload, low, high in few:
-                xi = item(q)
-                tau[v] = preload - k * xi
-                if not low < xi < high:
-                    self.near = True
+            for q, v, k, preload in few:
+                tau[v] = preload - k * item(q)
             for v, rate, c in damped:
                 tau[v] -= c * item(rate)
 
@@ -134,6 +111,18 @@ class DirectionSpring:
     def signed(self, layout: Layout) -> bool:
         """Whether the angle is a signed one."""
         return layout.plane and not self.on_base
+
+    def singular_line_up(self, layout: Layout) -> float | None:
+        """Return the way that the rate of cos(theta) crosses 0 at a line-up with a torque: down at 0, up at pi, or both.
+
+        None where there is none: a signed angle, or an undamped spring at rest there.
+        """
+        damped = self.damping > 0.0 and not self.on_base
+        if self.signed(layout) or not (self.stiffness or damped):
+            return None
+        if damped or self.rest not in (0.0, math.pi):
+            return BOTH_WAYS
+        return RISING if self.rest == 0.0 else FALLING
 
     def angle(self, frames: LinkFrames, q: Array) -> float:
         """Theta [rad] at a configuration, where the frames are up to date."""

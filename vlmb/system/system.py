@@ -133,16 +133,15 @@ class System:
     @cached_property
     def core_plan(self) -> CorePlan:
         """What the compiled core runs."""
-        inputs = self.forces.inputs or ()
         return make_core_plan(
-            self.mechanism, self.run, self.direction_springs, self.prescribed, inputs, self.work_names, self.constraints,
+            self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names, self.constraints,
             self.programme,
         )  # fmt: skip
 
     @cached_property
     def watch_plan(self) -> CorePlan:
         """What the core looks for where Pinocchio moves."""
-        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, (), (), watching=True)
+        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True)
 
     @cached_property
     def reads_angles(self) -> bool:

@@ -1,19 +1,20 @@
-"""Every method has its order on real mechanisms, lands on the samples asked for, and minds the kinks of laws."""
+"""Every method on both engines: its order on real mechanisms, the samples asked for, kinks of laws, the end of their domain."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from vlmb.simulation.integrate import METHODS, find_method
 
 import vlmb
 from tests.small_scenes import FLYING, PIVOT, SKI, bent, link, scene
+from vlmb.simulation.methods import METHODS, find_method
+from vlmb.system.dense import Dense
 
 Array = np.ndarray
+ENGINES = ("core", "pinocchio")
 FIXED_STEP = [name for name, method in METHODS.items() if not method.adaptive]
 ADAPTIVE = [name for name, method in METHODS.items() if method.adaptive]
 
@@ -26,40 +27,46 @@ SMOOTH = {"spinning spring link": SPINNING, "skier": SKIER, "flying chain": bent
 
 
 def state_at_end(made: vlmb.Scene, seconds: float, **options: Any) -> Array:
+    """Points and rates at the end."""
     trajectory = vlmb.simulate(made, duration=seconds, t_eval=[seconds], **options)
     assert trajectory.status == "finished", trajectory.message
+    assert trajectory.stats["engine"] == options.get("engine", "core")
     points = [
         trajectory.position(entry.name, point)[-1]
         for entry in trajectory.mechanism.layout.links
         for point in ("rod_start", "tip")
     ]
-    return np.concatenate([*points, trajectory.v[-1]])
+    return np.concatenate([*points, [trajectory[f"{name}_dot"][-1] for name in trajectory.mechanism.coordinate_names]])
 
 
 # Orders --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", SMOOTH)
 @pytest.mark.parametrize("method", FIXED_STEP)
-def test_order_of_fixed_step_methods(method: str, name: str) -> None:
+def test_order_of_fixed_step_methods(method: str, name: str, engine: str) -> None:
     """The slope of the error over the step is the order, with quaternions that turn and a heading that turns."""
     made, seconds = SMOOTH[name], 0.4
     exact = state_at_end(made, seconds, method="dop853", rtol=1e-13, atol=1e-13)
     order = METHODS[method].order
     counts = (2000, 4000, 8000) if order == 1 else (80, 160, 320)
-    errors = [np.abs(state_at_end(made, seconds, method=method, step=seconds / count) - exact).max() for count in counts]
+    ends = [state_at_end(made, seconds, method=method, step=seconds / count, engine=engine) for count in counts]
+    errors = [np.abs(end - exact).max() for end in ends]
     slopes = np.diff(np.log(errors)) / np.diff(np.log([1.0 / count for count in counts]))
     assert slopes[-1] == pytest.approx(order, abs=0.1), (errors, slopes)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", SMOOTH)
 @pytest.mark.parametrize("method", ADAPTIVE)
-def test_tolerances_are_kept(method: str, name: str) -> None:
+def test_tolerances_are_kept(method: str, name: str, engine: str) -> None:
     """Errors fall with rtol, by at least half a decade for each decade, and stay within a fair multiple of it."""
     made, seconds = SMOOTH[name], 0.3
     exact = state_at_end(made, seconds, method="dop853", rtol=1e-13, atol=1e-13)
     tolerances = (1e-4, 1e-6, 1e-8) if method in ("bdf", "radau") else (1e-4, 1e-7, 1e-10)
-    errors = [np.abs(state_at_end(made, seconds, method=method, rtol=tol, atol=tol) - exact).max() for tol in tolerances]
+    ends = [state_at_end(made, seconds, method=method, rtol=tol, atol=tol, engine=engine) for tol in tolerances]
+    errors = [np.abs(end - exact).max() for end in ends]
     for tolerance, error in zip(tolerances, errors, strict=True):
         assert error < 5e3 * tolerance
     decades = math.log10(tolerances[0] / tolerances[-1])
@@ -67,7 +74,7 @@ def test_tolerances_are_kept(method: str, name: str) -> None:
 
 
 def test_methods_know_what_they_are() -> None:
-    assert {"euler", "rk4", "dop853", "adams", "bdf", "radau"} <= set(METHODS)
+    assert {"euler", "rk4", "gauss", "dop853", "adams", "bdf", "radau"} == set(METHODS)
     assert (METHODS["euler"].order, METHODS["rk4"].order, METHODS["dop853"].order) == (1, 4, 8)
     assert all(name == method.name and method.purpose for name, method in METHODS.items())
     with pytest.raises(vlmb.SceneError, match=r"'rk5'.*did you mean 'rk4'"):
@@ -84,7 +91,11 @@ def test_the_integrator_of_pinocchio_alone_would_be_of_order_two() -> None:
     mechanism = vlmb.build(SPINNING)
     model, workspace, seconds = mechanism.model, make_system(mechanism).workspace(), 0.4
     start = consistent_start(make_system(mechanism)).state
-    exact = state_at_end(SPINNING, seconds, method="dop853", rtol=1e-13, atol=1e-13)[-model.nv :]
+
+    def velocity_at_end(**options: Any) -> Array:
+        return vlmb.simulate(SPINNING, duration=seconds, t_eval=[seconds], engine="pinocchio", **options).v[-1]
+
+    exact = velocity_at_end(method="dop853", rtol=1e-13, atol=1e-13)
 
     def naive(count: int) -> Array:
         q, v, h = start.q, start.v, seconds / count
@@ -106,10 +117,7 @@ def test_the_integrator_of_pinocchio_alone_would_be_of_order_two() -> None:
 
     errors = [np.abs(naive(count) - exact).max() for count in (160, 320)]
     assert math.log2(errors[0] / errors[1]) < 3.5
-    ours = [
-        np.abs(state_at_end(SPINNING, seconds, method="rk4", step=seconds / count)[-model.nv :] - exact).max()
-        for count in (160, 320)
-    ]
+    ours = [np.abs(velocity_at_end(method="rk4", step=seconds / count) - exact).max() for count in (160, 320)]
     assert math.log2(ours[0] / ours[1]) > 3.8
     assert ours[1] < errors[1]
 
@@ -117,128 +125,68 @@ def test_the_integrator_of_pinocchio_alone_would_be_of_order_two() -> None:
 # Landing on samples --------------------------------------------------------------------------------------------------
 
 
-def driver(method: str, rhs: Callable[[float, Array], Array], end: float, y: Array, **options: Any) -> Any:
-    settings = {"rtol": 1e-10, "atol": 1e-12, "step_size": 0.01, "hard_end": True} | options
-    return METHODS[method].make(rhs, 0.0, y, end, **settings)
-
-
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("hard_end", [False, True])
-def test_drivers_return_the_solution_at_every_time_asked_for(method: str, hard_end: bool) -> None:
-    """y' = (cos t, y_2), irregular times, several within a step."""
-    size = 1e-4 if method == "euler" else 0.01
-    run = driver(method, lambda t, y: np.array([math.cos(t), y[1]]), 1.0, np.array([0.0, 1.0]), step_size=size, hard_end=hard_end)
-    times = [1e-9, 0.003, 0.0031, 0.0032, 0.1, 0.123456789, 0.5, 0.50000001, 0.75, 0.9999, 1.0]
-    tolerance = 2e-4 if method == "euler" else 1e-7 if method in ("bdf", "radau") else 1e-8
-    for t in times:
-        y = run.advance(t)
-        assert y == pytest.approx([math.sin(t), math.exp(t)], abs=tolerance)
-    assert run.steps > 0
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_drivers_do_not_ask_beyond_a_hard_end(method: str) -> None:
-    asked: list[float] = []
-
-    def rhs(t: float, y: Array) -> Array:
-        asked.append(t)
-        return np.array([math.sqrt(max(0.0, 1.0 - t))])
-
-    run = driver(method, rhs, 0.7, np.zeros(1), hard_end=True)
-    for t in (0.1, 0.4, 0.69, 0.7):
-        y = run.advance(t)
-    used = [t for t in asked if t > 0.7 + 1e-12]
-    assert y == pytest.approx([2 / 3 * (1 - 0.3**1.5)], abs=1e-2 if method == "euler" else 1e-6)
-    if method not in ("adams", "bdf"):  # they may look beyond, but do not use what they see
-        assert used == []
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_what_lies_beyond_a_hard_end_changes_nothing(method: str) -> None:
-    def rhs(wall: float) -> Callable[[float, Array], Array]:
-        return lambda t, y: np.array([math.cos(3 * t) if t <= 0.7 + 1e-12 else wall])
-
-    first, second = (driver(method, rhs(wall), 0.7, np.zeros(1), hard_end=True) for wall in (0.0, 1e6))
-    for t in (0.2, 0.55, 0.699999, 0.7):
-        one, two = first.advance(t), second.advance(t)
-        assert one == pytest.approx(two, abs=1e-9)
-    assert one == pytest.approx([math.sin(2.1) / 3], abs=2e-2 if method == "euler" else 1e-7)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_drivers_pass_on_what_the_right_hand_side_raises(method: str) -> None:
-    """Compiled drivers cannot pass on an exception by themselves."""
-
-    class StopHereError(Exception):
-        pass
-
-    def rhs(t: float, y: Array) -> Array:
-        if t > 0.5:
-            raise StopHereError("beyond 0.5")
-        return -y
-
-    for error in (StopHereError, KeyboardInterrupt):
-        run = driver(method, rhs if error is StopHereError else _interrupted, 1.0, np.ones(3), hard_end=False)
-        assert run.advance(0.25)[0] == pytest.approx(math.exp(-0.25), abs=2e-2)
-        with pytest.raises(error):
-            run.advance(1.0)
-
-
-def _interrupted(t: float, y: Array) -> Array:
-    if t > 0.5:
-        raise KeyboardInterrupt
-    return -y
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_drivers_end_when_the_right_hand_side_is_not_finite(method: str) -> None:
-    run = driver(method, lambda t, y: -y if t < 0.5 else y * math.nan, 1.0, np.ones(2), hard_end=False)
-    for t in (0.1, 0.2, 0.3):
-        assert np.isfinite(run.advance(t)).all()
-    with pytest.raises(vlmb.SimulationError):
-        run.advance(1.0)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_run_inside_another(method: str) -> None:
-    """As in a control that looks ahead: the same answer, or a named error."""
-
-    def inner(t: float, y: Array) -> Array:
-        return -y
-
-    def outer(t: float, y: Array) -> Array:
-        run = driver(method, inner, 0.1, np.ones(1), step_size=0.05)
-        return -y * float(run.advance(0.1)[0]) / math.exp(-0.1)
-
-    run = driver(method, outer, 0.2, np.ones(1), step_size=0.02, rtol=1e-6, atol=1e-8)
-    if method in ("adams", "bdf"):  # VODE remembers one right-hand side only
-        with pytest.raises(vlmb.SimulationError, match="dop853"):
-            run.advance(0.2)
-    else:
-        assert run.advance(0.2)[0] == pytest.approx(math.exp(-0.2), abs=5e-3 if method == "euler" else 1e-4)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_two_runs_by_turns(method: str) -> None:
-    """Drivers hold no shared state."""
-    first, second = (driver(method, lambda t, y, k=k: -k * y, 1.0, np.ones(1), step_size=1e-3) for k in (1.0, 2.0))
-    for t in np.linspace(0.1, 1.0, 10).tolist():
-        tolerance = 1e-3 if method == "euler" else 1e-7
-        assert first.advance(t)[0] == pytest.approx(math.exp(-t), abs=tolerance)
-        assert second.advance(t)[0] == pytest.approx(math.exp(-2 * t), abs=tolerance)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_samples_are_exactly_those_asked_for(method: str) -> None:
-    times = np.array([0.0, 0.001, 0.0123, 0.05, 0.2, 1 / 3])
-    trajectory = vlmb.simulate(SKIER, duration=0.5, method=method, rtol=1e-6, atol=1e-8, t_eval=times)
+def test_the_solution_at_every_time_asked_for(method: str, engine: str) -> None:
+    """x'' = cos t at irregular times, several within a step; nobody asks for the forces after the end."""
+    times = np.array([1e-9, 0.003, 0.0031, 0.0032, 0.1, 0.123456789, 0.5, 0.50000001, 0.75, 0.9999, 1.0])
+    options = {"method": method, "engine": engine, "rtol": 1e-10, "atol": 1e-12, "step": 1e-4 if method == "euler" else 0.01}
+    trajectory = vlmb.simulate(pushed("2*cos(t)"), duration=1.0, t_eval=times, **options)
+    tolerance = 2e-4 if method == "euler" else 1e-8
     assert np.array_equal(trajectory.t, times)
-    dense = vlmb.simulate(SKIER, duration=0.5, method=method, rtol=1e-6, atol=1e-8, t_eval=np.linspace(0.0, 1 / 3, 50))
+    np.testing.assert_allclose(trajectory["xi1_1"], 2.0 - np.cos(times), rtol=0, atol=tolerance)
+    np.testing.assert_allclose(trajectory["xi1_1_dot"], np.sin(times), rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("method", METHODS)
+def test_what_lies_beyond_the_end_changes_nothing(method: str, engine: str) -> None:
+    """The control is not asked beyond it, however the samples lie."""
+    runs, asked = [], []
+    for wall in (0.0, 1e6):
+
+        def control(t: float, view: Any, wall: float = wall) -> dict[str, float]:
+            asked.append(t)
+            return {"F1_1": 2.0 * math.cos(3 * t) if t <= 0.7 else wall}
+
+        options = {"method": method, "engine": engine, "rtol": 1e-9, "atol": 1e-10}
+        runs.append(vlmb.simulate(pushed("0"), duration=0.7, control=control, t_eval=[0.2, 0.55, 0.699999, 0.7], **options))
+    assert min(asked) == 0.0 and max(asked) == 0.7
+    assert np.array_equal(runs[0].states, runs[1].states)
+    assert runs[0]["xi1_1_dot"][-1] == pytest.approx(math.sin(2.1) / 3, abs=2e-2 if method == "euler" else 1e-7)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_run_inside_another(method: str, engine: str) -> None:
+    """A control that looks ahead by a run of its own: the same answer as one that knows."""
+    inner = {"duration": 0.01, "t_eval": [0.01], "method": method, "engine": engine, "step": 0.01}
+
+    def looks_ahead(t: float, view: Any) -> dict[str, float]:
+        ahead = vlmb.simulate(pushed("2"), **inner)
+        return {"F1_1": 2.0 * float(ahead["xi1_1_dot"][-1]) / 0.01}
+
+    options = {"duration": 0.2, "t_eval": [0.1, 0.2], "method": method, "engine": engine, "step": 0.1}
+    run, known = (
+        vlmb.simulate(pushed("0"), control=control, rtol=1e-4, atol=1e-6, **options)
+        for control in (looks_ahead, lambda t, view: {"F1_1": 2.0})
+    )
+    np.testing.assert_allclose(run["xi1_1"], known["xi1_1"], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_are_exactly_those_asked_for(method: str, engine: str) -> None:
+    times = np.array([0.0, 0.001, 0.0123, 0.05, 0.2, 1 / 3])
+    options = {"duration": 0.5, "method": method, "engine": engine, "rtol": 1e-6, "atol": 1e-8}
+    trajectory = vlmb.simulate(SKIER, t_eval=times, **options)
+    assert np.array_equal(trajectory.t, times)
+    dense = vlmb.simulate(SKIER, t_eval=np.linspace(0.0, 1 / 3, 50), **options)
     np.testing.assert_allclose(trajectory.v[-1], dense.v[-1], rtol=0, atol=1e-2 if method == "euler" else 1e-4)
-    late = vlmb.simulate(SKIER, duration=0.5, method=method, rtol=1e-6, atol=1e-8, t_eval=[0.2])
+    late = vlmb.simulate(SKIER, t_eval=[0.2], **options)
     assert late.t.tolist() == [0.2]
     np.testing.assert_allclose(late.v[0], trajectory.v[4], rtol=0, atol=1e-2 if method == "euler" else 1e-4)
-    first = vlmb.simulate(SKIER, duration=0.5, method=method, t_eval=[0.0])
+    first = vlmb.simulate(SKIER, t_eval=[0.0], **options)
     assert first.t.tolist() == [0.0]
     assert first.status == "finished"
 
@@ -263,8 +211,6 @@ def test_default_samples() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_statistics_count(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from vlmb.system.dense import Dense
-
     calls = []
     original = Dense.rhs
 
@@ -272,13 +218,20 @@ def test_statistics_count(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
         inner = original(self)
         return lambda t, y: calls.append(t) or inner(t, y)
 
+    options = {"duration": 0.1, "method": method, "rtol": 1e-6, "atol": 1e-8, "step": 0.005, "max_step": 1.0}
     monkeypatch.setattr(Dense, "rhs", counted)
-    trajectory = vlmb.simulate(SKIER, duration=0.1, method=method, rtol=1e-6, atol=1e-8, route="dense", step=0.005)
+    trajectory = vlmb.simulate(SKIER, engine="pinocchio", **options)
     assert trajectory.stats["rhs_evaluations"] == len(calls)
     assert 5 <= trajectory.stats["steps"] <= len(calls)
     assert trajectory.stats["wall_time"] > 0.0
     if not METHODS[method].adaptive:
         assert trajectory.stats["steps"] == 20
+    asked: list[float] = []
+    control = vlmb.simulate(SKIER, engine="core", control=lambda t, view: asked.append(t), **options)
+    assert control.stats["rhs_evaluations"] == len(asked) - len(control) - 1  # once for every sample, and for the names
+    compiled = vlmb.simulate(SKIER, engine="core", **options)
+    assert compiled.stats["rhs_evaluations"] == control.stats["rhs_evaluations"]
+    assert compiled.stats["engine"] == "core" and "route" not in compiled.stats
 
 
 def test_steps_that_do_not_divide_the_time() -> None:
@@ -298,11 +251,13 @@ def pushed(law: str) -> vlmb.Scene:
     return scene(PIVOT, [PUSHED], gravity=0.0, plane=True, start={"psi1": 0.0}, forces=[{"on": "F1_1", "law": law}])
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_force_with_kinks(method: str) -> None:
+def test_a_force_with_kinks(method: str, engine: str) -> None:
     """F = max(0, sin t): x'' = max(0, sin t) / m, known in closed form."""
     times = np.linspace(0.0, 7.0, 57)
-    trajectory = vlmb.simulate(pushed("max(0, sin(2*t))"), duration=7.0, method=method, rtol=1e-10, atol=1e-11, t_eval=times)
+    options = {"method": method, "engine": engine, "rtol": 1e-10, "atol": 1e-11, "t_eval": times}
+    trajectory = vlmb.simulate(pushed("max(0, sin(2*t))"), duration=7.0, **options)
     assert trajectory.status == "finished", trajectory.message
 
     def place(t: float) -> float:
@@ -327,21 +282,24 @@ PULSES = {
 
 
 @pytest.mark.parametrize("pulse", PULSES)
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_force_that_jumps(method: str, pulse: str) -> None:
+def test_a_force_that_jumps(method: str, engine: str, pulse: str) -> None:
     """F = 1 between t = 1 and t = 2: both jumps are found and met exactly."""
-    times = [0.5, 1.0, 1.5, 2.0, 3.0]
-    trajectory = vlmb.simulate(pushed(PULSES[pulse]), duration=3.0, method=method, rtol=1e-10, atol=1e-11, t_eval=times)
+    options = {"method": method, "engine": engine, "rtol": 1e-10, "atol": 1e-11, "t_eval": [0.5, 1.0, 1.5, 2.0, 3.0]}
+    trajectory = vlmb.simulate(pushed(PULSES[pulse]), duration=3.0, **options)
     assert trajectory.status == "finished", trajectory.message
     expected = [1.0, 1.0, 1.0 + 0.25 * 0.25, 1.25, 1.75]
     tolerance = {"euler": 2e-2, "bdf": 1e-6, "radau": 1e-6}.get(method, 1e-8)
     np.testing.assert_allclose(trajectory["xi1_1"], expected, rtol=0, atol=tolerance)
 
 
-def test_a_law_up_to_the_end_of_its_domain() -> None:
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_law_up_to_the_end_of_its_domain(engine: str) -> None:
     """No method asks the law beyond the duration, where it has no value."""
     for method in METHODS:
-        trajectory = vlmb.simulate(pushed("3*sqrt(2 - t)"), duration=2.0, method=method, rtol=1e-7, atol=1e-9)
+        options = {"method": method, "engine": engine, "rtol": 1e-7, "atol": 1e-9}
+        trajectory = vlmb.simulate(pushed("3*sqrt(2 - t)"), duration=2.0, **options)
         assert trajectory.status == "finished", (method, trajectory.message)
         expected = 1.0 + 1.5 * (2.0 * (2 / 3) * 2**1.5 - 4 / 15 * 2**2.5)
         assert trajectory["xi1_1"][-1] == pytest.approx(expected, abs=5e-3 if method == "euler" else 1e-4)
@@ -354,8 +312,9 @@ def test_a_prescribed_length_needs_a_continuous_rate(law: str) -> None:
         vlmb.simulate(made, duration=2.0)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_prescribed_length_with_a_smooth_kink(method: str) -> None:
+def test_a_prescribed_length_with_a_smooth_kink(method: str, engine: str) -> None:
     """l = 0.3 + 0.05 max(0, sin 3t)^2 has a continuous rate: l^2 theta' is constant through every kink."""
     bob = {
         "rod": {"length": 0.0, "mass": 0.0},
@@ -363,7 +322,7 @@ def test_a_prescribed_length_with_a_smooth_kink(method: str) -> None:
         "tip_mass": 1.5,
     }
     made = scene(PIVOT, [bob], gravity=0.0, start={"psi1": 0.0, "phi1_dot": 1.2})
-    trajectory = vlmb.simulate(made, duration=2.5, method=method, rtol=1e-10, atol=1e-11)
+    trajectory = vlmb.simulate(made, duration=2.5, method=method, engine=engine, rtol=1e-10, atol=1e-11)
     assert trajectory.status == "finished", trajectory.message
     s = np.maximum(0.0, np.sin(3 * trajectory.t))
     length = 0.3 + 0.05 * s**2
@@ -386,11 +345,12 @@ def stiff(damping: float) -> vlmb.Scene:
     )
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("method", ["radau", "bdf"])
-def test_stiff_damped_legs(method: str) -> None:
+def test_stiff_damped_legs(method: str, engine: str) -> None:
     """A leg with damping far beyond critical: implicit methods take far fewer steps than explicit ones, and agree."""
     made = stiff(4e4)
-    implicit = vlmb.simulate(made, duration=0.3, method=method, rtol=1e-6, atol=1e-8)
+    implicit = vlmb.simulate(made, duration=0.3, method=method, engine=engine, rtol=1e-6, atol=1e-8)
     explicit = vlmb.simulate(made, duration=0.3, method="dop853", rtol=1e-9, atol=1e-11)
     assert implicit.status == explicit.status == "finished"
     assert implicit.stats["steps"] < 0.25 * explicit.stats["steps"]
