@@ -13,7 +13,7 @@ from vlmb.core.plant import FROM_SIDE, SOURCES, evaluate, make_memory, onto_edge
 from vlmb.core.row_arrays import PROJECTION
 from vlmb.core.run import accept, indicate, longest_step, run
 from vlmb.core.springs import line_ups
-from vlmb.errors import VlmbError
+from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import read_along

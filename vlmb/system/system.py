@@ -134,8 +134,8 @@ class System:
     def core_plan(self) -> CorePlan:
         """What the compiled core runs."""
         return make_core_plan(
-            self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names, self.constraints,
-            self.programme,
+            self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names,
+            self.constraints, self.programme,
         )  # fmt: skip
 
     @cached_property
