@@ -24,52 +24,58 @@ def read_angles(d: Vector, phi: float, psi: float) -> tuple[float, float]:
 
     (phi, psi) and (phi + pi, pi - psi), each modulo 2 pi, are the same direction.
     """
+    phi, psi, _ = read_branch(d, phi, psi)
+    return phi, psi
+
+
+@kernel
+def read_branch(d: Vector, phi: float, psi: float) -> tuple[float, float, float]:
+    """Return the same, and the sign of cos psi there."""
     flat = sqrt(d[0] * d[0] + d[1] * d[1])
     up = atan2(d[2], flat)
     turn = atan2(d[1], d[0]) if flat > VERTICAL else phi
     first = wrapped(turn - phi), wrapped(up - psi)
     near = first[0] * first[0] + first[1] * first[1]
     if near < QUARTER_TURN:
-        return phi + first[0], psi + first[1]
+        return phi + first[0], psi + first[1], 1.0
     second = wrapped(turn + 0.5 * TAU - phi), wrapped(0.5 * TAU - up - psi)
     if second[0] * second[0] + second[1] * second[1] < near:
-        return phi + second[0], psi + second[1]
-    return phi + first[0], psi + first[1]
+        return phi + second[0], psi + second[1], -1.0
+    return phi + first[0], psi + first[1], 1.0
 
 
 @kernel
-def horizontal(phi: float) -> Vector:
-    """Return u_phi = (-sin phi, cos phi, 0)."""
-    return -sin(phi), cos(phi), 0.0
-
-
-@kernel
-def upwards(phi: float, psi: float) -> Vector:
-    """Return u_psi = (-cos phi sin psi, -sin phi sin psi, cos psi)."""
-    return -cos(phi) * sin(psi), -sin(phi) * sin(psi), cos(psi)
+def axes_at(d: Vector, phi: float, side: float) -> tuple[Vector, Vector, float]:
+    """Return u_phi = (-sin phi, cos phi, 0), u_psi = (-cos phi sin psi, -sin phi sin psi, cos psi) and cos psi at (d, phi)."""
+    flat = sqrt(d[0] * d[0] + d[1] * d[1])
+    if flat > VERTICAL:
+        cosine, sine = side * d[0] / flat, side * d[1] / flat
+    else:
+        cosine, sine = cos(phi), sin(phi)
+    return (-sine, cosine, 0.0 * sine), (-cosine * d[2], -sine * d[2], side * flat), side * flat
 
 
 @kernel
 def azimuth(tree: Tree, y: Array, i: int, near: Array) -> tuple[int, Moving]:
     """Return phi: phi' = u_phi . u / cos psi, phi'' = (u_phi . d'' + 2 phi' psi' sin psi) / cos psi."""
     d, u, drift = places.link_direction(tree, y, i)
-    phi, psi = read_angles(d, near[0], near[1])
-    steep = cos(psi)
+    phi, _, side = read_branch(d, near[0], near[1])
+    across, upwards, steep = axes_at(d, phi, side)
     if abs(steep) < POLE:
         return AT_POLE, (phi, 0.0 * phi, 0.0 * phi)
-    rate = dot(horizontal(phi), u) / steep
-    climb = dot(upwards(phi, psi), u)
-    return FINE, (phi, rate, (dot(horizontal(phi), drift) + 2.0 * rate * climb * sin(psi)) / steep)
+    rate, climb = dot(across, u) / steep, dot(upwards, u)
+    return FINE, (phi, rate, (dot(across, drift) + 2.0 * rate * climb * d[2]) / steep)
 
 
 @kernel
 def elevation(tree: Tree, y: Array, i: int, near: Array) -> Moving:
     """Return psi: psi' = u_psi . u, psi'' = u_psi . d'' - (u_phi . u)^2 tan psi; without the last term at the pole."""
     d, u, drift = places.link_direction(tree, y, i)
-    phi, psi = read_angles(d, near[0], near[1])
-    sideways, steep = dot(horizontal(phi), u), cos(psi)
-    bend = sideways * sideways * sin(psi) / steep if abs(steep) > POLE else 0.0 * steep
-    return psi, dot(upwards(phi, psi), u), dot(upwards(phi, psi), drift) - bend
+    phi, psi, side = read_branch(d, near[0], near[1])
+    across, upwards, steep = axes_at(d, phi, side)
+    sideways = dot(across, u)
+    bend = sideways * sideways * d[2] / steep if abs(steep) > POLE else 0.0 * steep
+    return psi, dot(upwards, u), dot(upwards, drift) - bend
 
 
 @kernel
@@ -87,8 +93,8 @@ def push_azimuth(tree: Tree, y: Array, i: int, force: float, out: Array) -> int:
 def push_elevation(tree: Tree, y: Array, i: int, near: Array, force: float, out: Array) -> None:
     """Add the row of psi, u_psi, times a moment M_psi."""
     d = places.link_direction(tree, y, i)[0]
-    phi, psi = read_angles(d, near[0], near[1])
-    places.push_direction(tree, i, d, scaled(force, upwards(phi, psi)), out)
+    phi, _, side = read_branch(d, near[0], near[1])
+    places.push_direction(tree, i, d, scaled(force, axes_at(d, phi, side)[1]), out)
 
 
 # Angles of directions in the upright plane of the heading

@@ -15,11 +15,12 @@ from vlmb.core.jit import kernel
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.programme import UNMET, copy, solve_programme
-from vlmb.core.quantities import Quantities, add_row
-from vlmb.core.row_arrays import ALONG, FIRST, FORM, FREE, PROJECTION, RowMemory, Rows, Sizes, Space, sizes_of, view
-from vlmb.core.rows import write_residual, write_row
+from vlmb.core.quantities import Quantities, add_row_in_line
+from vlmb.core.row_arrays import ALONG, COUPLED, FIRST, FORM, FREE, PROJECTION, RowMemory, Rows, Sizes, Space, sizes_of, view
+from vlmb.core.rows import write_residual
 from vlmb.core.scalars import finite, sqrt
 from vlmb.core.scratch import Scratch
+from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Tree
 
 EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
@@ -46,14 +47,11 @@ def constrain(
     """
     sizes = sizes_of(rows)
     space = view(sizes, memory)
-    bits = write_lines(rows, sizes, space, tape, buffers, quantities, tree, y, given, reference)
-    if bits != 0:
-        return NO_VALUE * KIND + bits
-    bits = write_columns(rows, sizes, space, quantities, tree, y, given, reference)
-    if bits != 0:
-        return NO_DIRECTION * KIND + bits
-    write_wanted(rows, sizes, space, tree, y, dy)
-    write_moved(sizes, space, tree, y, scratch)
+    code = write_lines(rows, sizes, space, tape, buffers, quantities, tree, y, given, reference, memory.lines)
+    if code != 0:
+        return code
+    write_wanted(rows, sizes, space, tree, y)
+    write_moved(sizes, space, tree, y, dy, scratch)
     if sizes.ideal > 0:
         code = eliminate_ideal(sizes, space)
         if code != 0:
@@ -90,45 +88,51 @@ def named(errors: Array, count: int) -> int:
     return bits
 
 
-@kernel
+@kernel(inline=True)
 def write_lines(
     rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array,
-    given: Array, reference: Array,
+    given: Array, reference: Array, lines: Array,
 ) -> int:  # fmt: skip
-    """Write residuals and rows; return the bits of those without a finite value."""
-    first, bits = rows.table[0, FIRST], 0
-    if sizes.held:
-        for j in range(space.lines.shape[1]):
-            space.lines[0, j] = 1.0 if j == SIDEWAYS else 0.0
-    for k in range(sizes.ideal + sizes.beyond - sizes.held):
-        write_residual(tape, buffers, first + k, rows.table[1 + k, FORM], k, space.residual)
-        at = sizes.held + k
-        sound = write_row(tape, buffers, quantities, tree, first + k, y, given, reference, space.lines[at]) == 0
-        total = space.residual[k, 0] + space.residual[k, 1] + space.residual[k, 2]
-        for j in range(space.lines.shape[1]):
-            total += space.lines[at, j]
+    """Write residuals and rows, and below them what the controls push on, all into `lines`; return a code.
+
+    A row is the sum of its derivatives by leaves times their rows; a control has one quantity, and its scale.
+    """
+    first, held, count, last = rows.table[0, FIRST], sizes.held, sizes.ideal - sizes.held + sizes.beyond, rows.gains.shape[0] - 1
+    failing, astray = 0, 0
+    if held:
+        for j in range(lines.shape[1]):
+            lines[0, j] = 1.0 if j == SIDEWAYS else 0.0
+    for k in range(count + sizes.controls):
+        line, root = lines[held + k], first + k
+        begin, end, sound = 0, 1, True
+        if k < count:
+            write_residual(tape, buffers, root, rows.table[1 + k, FORM], k, space.residual)
+            gradient(tape, buffers, root, False)
+            begin, end = tape.entering_ends[root, 0], tape.entering_ends[root, 1]
+        for j in range(line.shape[0]):
+            line[j] = 0.0
+        for j in range(begin, end):
+            which, share = rows.table[1 + k, ALONG], rows.gains[last, max(k - count, 0)]
+            if k < count:
+                leaf = tape.entering[j]
+                which, share = tape.leaf[leaf, 1], buffers.adjoint[leaf]
+            sound = add_row_in_line(quantities, which, tree, y, given, reference, share, line) == FINE and sound
+        total = 0.0
+        for j in range(line.shape[0]):
+            total += line[j]
+        if k < count:
+            total += space.residual[k, 0] + space.residual[k, 1] + space.residual[k, 2]
         if not (sound and finite(total)):
-            bits |= bit(at)
-    return bits
+            if k < count:
+                failing |= bit(held + k)
+            else:
+                astray |= bit(k - count)
+    if failing != 0:
+        return NO_VALUE * KIND + failing
+    return NO_DIRECTION * KIND + astray if astray != 0 else 0
 
 
-@kernel
-def write_columns(
-    rows: Rows, sizes: Sizes, space: Space, quantities: Quantities, tree: Tree, y: Array, given: Array, reference: Array
-) -> int:
-    """Write the forces of the controls; return the bits of those that have no direction."""
-    after, last, bits = 1 + sizes.ideal - sizes.held + sizes.beyond, rows.gains.shape[0] - 1, 0
-    for k in range(sizes.controls):
-        column = space.columns[k]
-        for j in range(column.shape[0]):
-            column[j] = 0.0
-        along, scale = rows.table[after + k, ALONG], rows.gains[last, k]
-        if add_row(quantities, along, tree, y, given, reference, scale, column) != FINE:
-            bits |= bit(k)
-    return bits
-
-
-@kernel
+@kernel(inline=True)
 def product_of_scales(rows: Rows, sizes: Sizes) -> float:
     """Return the product of the scales of the controls."""
     product = 1.0
@@ -137,36 +141,42 @@ def product_of_scales(rows: Rows, sizes: Sizes) -> float:
     return product
 
 
-@kernel
-def write_wanted(rows: Rows, sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array) -> None:
-    """Write what the rows want of their accelerations beyond those in `dy`: H z + K z' - drift - W a."""
-    first, count, held, wanted = tree.shape[of.POSITIONS], sizes.ideal + sizes.beyond - sizes.held, sizes.held, space.wanted
+@kernel(inline=True)
+def write_wanted(rows: Rows, sizes: Sizes, space: Space, tree: Tree, y: Array) -> None:
+    """Write what the rows want of their accelerations: H z + K z' - drift."""
+    count, held, wanted = sizes.ideal + sizes.beyond - sizes.held, sizes.held, space.wanted
     if held:
-        wanted[0] = -rows.gains[count, sizes.controls] * y[first + SIDEWAYS]
+        wanted[0] = -rows.gains[count, sizes.controls] * y[tree.shape[of.POSITIONS] + SIDEWAYS]
+    coupled = rows.table[0, COUPLED] != 0
     for k in range(count):
-        total = -space.residual[k, 2]
-        for j in range(count):
-            total += rows.gains[k, j] * space.residual[j, 0] + rows.gains[k, count + j] * space.residual[j, 1]
-        wanted[held + k] = total
-    for k in range(held + count):
-        for j in range(space.lines.shape[1]):
-            wanted[k] -= space.lines[k, j] * dy[first + j]
+        wanted[held + k] = -space.residual[k, 2]
+        for j in range(0 if coupled else k, count if coupled else k + 1):
+            wanted[held + k] += rows.gains[k, j] * space.residual[j, 0] + rows.gains[k, count + j] * space.residual[j, 1]
 
 
-@kernel
-def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, scratch: Scratch) -> None:
-    """Write what every control and every multiplier adds to all accelerations, and to those of the rows."""
-    for k in range(sizes.controls + sizes.ideal):
-        force = space.columns[k] if k < sizes.controls else space.lines[k - sizes.controls]
-        respond(tree, y, force, space.answers[k], scratch)
-        for i in range(sizes.ideal + sizes.beyond):
-            total = 0.0
-            for j in range(force.shape[0]):
-                total += space.lines[i, j] * space.answers[k, j]
-            space.moved[i, k] = total
+@kernel(inline=True)
+def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scratch: Scratch) -> None:
+    """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
+    count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
+    for k in range(count):
+        respond(tree, y, space.columns[k] if k < sizes.controls else space.lines[k - sizes.controls], space.answers[k], scratch)
+        for j in range(turned.shape[0]):
+            turned[j, k] = space.answers[k, j]
+    for j in range(turned.shape[0]):
+        turned[j, count] = dy[first + j]
+    for i in range(sizes.ideal + sizes.beyond):
+        line, moved = space.lines[i], space.moved[i]
+        for k in range(count + 1):
+            moved[k] = 0.0
+        for j in range(line.shape[0]):
+            share = line[j]
+            if share != 0.0:  # rows name few velocities
+                for k in range(count + 1):
+                    moved[k] += share * turned[j, k]
+        space.wanted[i] -= moved[count]
 
 
-@kernel
+@kernel(inline=True)
 def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     """Solve J M^-1 J^T X = (J M^-1 B, lacking); return a code."""
     e, s, square, solved = sizes.ideal, sizes.controls, space.square, space.solved
@@ -186,7 +196,7 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     return solve_repeating(sizes, space)
 
 
-@kernel
+@kernel(inline=True)
 def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
     """Take rows that move nothing out of the system; return their bits, and the most that they ask for."""
     e, s, bits, asked = sizes.ideal, sizes.controls, 0, 0.0
@@ -243,7 +253,7 @@ def scale_of(space: Space, i: int) -> float:
     return sqrt(max(space.square[i, i], 1e-300))
 
 
-@kernel
+@kernel(inline=True)
 def write_matrix(sizes: Sizes, space: Space) -> None:
     """Write G of (5.6), and beta in the place of what its rows lack: both with the multipliers that the controls bring along."""
     e, s = sizes.ideal, sizes.controls
@@ -257,7 +267,7 @@ def write_matrix(sizes: Sizes, space: Space) -> None:
             space.wanted[e + i] -= moved[s + j] * space.solved[j, s]
 
 
-@kernel
+@kernel(inline=True)
 def write_multipliers(sizes: Sizes, space: Space) -> None:
     """Write the multipliers of the ideal rows under the controls."""
     s = sizes.controls

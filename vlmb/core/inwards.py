@@ -20,6 +20,7 @@ from vlmb.core.tree import (
     PLACE,
     ROD,
     ROD_CHILDREN,
+    UPPER_FREE,
     Array,
     Tree,
 )
@@ -156,10 +157,30 @@ def no_bias(zero: float) -> Bias:
 
 
 @kernel(inline=True)
+def is_idle(tree: Tree, force: Array, rows: Array, i: int) -> bool:
+    """Tell whether no force acts on link i or on what it carries: then its hinge feels none."""
+    at = tree.link[i, AT_V]
+    for j in range(at, at + 3 + tree.link[i, LOWER_FREE] + tree.link[i, UPPER_FREE]):
+        if force[j] != 0.0:
+            return False
+    for j in range(c.TIP_FORCE, c.TIP_FORCE + 3):
+        if rows[i, j] != 0.0:
+            return False
+    if tree.link[i, ROD_CHILDREN] != 0:
+        for j in range(c.ROD_FORCE, c.ROD_MOMENT + 3):
+            if rows[i, j] != 0.0:
+                return False
+    return True
+
+
+@kernel(inline=True)
 def gather_force(tree: Tree, force: Array, rows: Array, i: int) -> None:
     """Load link i by forces alone and hand on what its hinge feels."""
     lower_free, upper_free = is_free(tree, i)
     at = tree.link[i, AT_V]
+    if is_idle(tree, force, rows, i):
+        c.keep_no_load(rows, i)
+        return
     axes = axes_of(c.kept_direction(rows, i))
     body, factors = c.kept_factors(tree, rows, i)
     zero = 0.0 * body.centre

@@ -71,20 +71,34 @@ def function_value(code: int, x: float) -> float:
     return asin(x) if code == op.ASIN else acos(x)
 
 
+@kernel(inline=True)
+def unary_jet(code: int, x: float, c: float) -> tuple[float, float, float]:
+    """Return f(x), f'(x) and f''(x) of an operation of one slot with its constant c."""
+    if code == op.SHIFT:
+        return x + c, 1.0, 0.0
+    if code == op.SCALE:
+        return c * x, c, 0.0
+    if code == op.PART:
+        return x / c, 1.0 / c, 0.0
+    if code == op.SQUARE:
+        return x * x, 2.0 * x, 2.0
+    if code == op.SIN:
+        f, slope = sin(x), cos(x)
+        return f, slope, -f
+    if code == op.COS:
+        f, slope = cos(x), -sin(x)
+        return f, slope, -f
+    f = unary_value(code, x, c)
+    slope, bend = unary_slopes(code, x, f, c)
+    return f, slope, bend
+
+
 @kernel
 def unary_slopes(code: int, x: float, f: float, c: float) -> tuple[float, float]:
-    """Return f'(x) and f''(x) of an operation of one slot with its value f."""
-    if code == op.SHIFT:
-        return 1.0, 0.0
-    if code == op.SCALE:
-        return c, 0.0
-    if code == op.PART:
-        return 1.0 / c, 0.0
+    """Return f'(x) and f''(x) of the other operations of one slot with its value f."""
     if code == op.OVER:
         slope = -quotient(f, x)
         return slope, -2.0 * quotient(slope, x)
-    if code == op.SQUARE:
-        return 2.0 * x, 2.0
     if code in (op.WHOLE_POWER, op.POWER):
         return power_slopes(x, f, c)
     if code == op.ABS:
@@ -105,11 +119,7 @@ def power_slopes(x: float, f: float, exponent: float) -> tuple[float, float]:
 
 @kernel
 def function_slopes(code: int, x: float, f: float) -> tuple[float, float]:
-    """Return f'(x) and f''(x) of an elementary function with its value f."""
-    if code == op.SIN:
-        return cos(x), -f
-    if code == op.COS:
-        return -sin(x), -f
+    """Return f'(x) and f''(x) of an elementary function other than sine and cosine with its value f."""
     if code == op.TAN:
         slope = 1.0 + f * f
         return slope, 2.0 * f * slope

@@ -117,7 +117,7 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def act(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     """Write given lengths and all generalized forces but those of springs along segments; return a code as `evaluate`."""
     force = memory.force
@@ -144,7 +144,7 @@ def act(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     """Play the laws: first those of time, which give the driven lengths, then those that see the state."""
     tape, buffers = plant.tape, memory.buffers
@@ -165,6 +165,8 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
 def drive(plant: Plant, memory: Memory, t: float) -> None:
     """Play the laws of time with two derivatives; write the driven lengths, their rates and accelerations."""
     tape, buffers = plant.tape, memory.buffers
+    if tape.parts[op.PARAMETERS_END] == tape.parts[op.TIME_END] and plant.driven.shape[0] == 0:
+        return
     read_leaves(tape, t, plant.parameters, memory.measured, memory.signals, buffers.slots)
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.TIME_END])
     for k in range(plant.driven.shape[0]):
@@ -185,7 +187,7 @@ def onto_edge(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> in
     return code
 
 
-@kernel
+@kernel(inline=True)
 def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Add what rows and controls bring to the accelerations, and to the forces that driven lengths take; return a code."""
     rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
@@ -206,7 +208,7 @@ def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Write the rates of the work states: power of each force and of each driven length, and what dampers lose [W]."""
     work = plant.tree.shape[of.POSITIONS] + plant.tree.shape[of.VELOCITIES]
@@ -231,7 +233,7 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def segment_losses(tree: Tree, y: Array) -> float:
     """Return the power lost in the dampers of free segments, the sum of c a'^2 [W]."""
     lost = 0.0

@@ -13,8 +13,9 @@ from vlmb.core.jit import kernel
 from vlmb.core.tree import Array, Integers
 
 # Row 0 of `table`: how many rows the knife edge holds (0, 1), ideal ones, those of the programme, secondary ones, controls; the
-# root of the tape that the first row is, and that of u0 or -1; whether velocities are projected onto the knife edge.
-HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED = range(8)
+# root of the tape that the first row is, and that of u0 or -1; whether velocities are projected onto the knife edge; whether H or
+# K are not diagonal.
+HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED = range(9)
 # Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control.
 FORM, WORK = range(2)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
@@ -26,7 +27,7 @@ PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the k
 class Rows(NamedTuple):
     """Rows and controls of a scene, constant for a run; empty where it has none."""
 
-    table: Integers  # (1 + n + S, 8)
+    table: Integers  # (1 + n + S, 9)
     gains: Array  # (n + 1, 2 n or S + 1) H and K; in the last row the scales of the controls, then the knife edge's gain [1/s]
 
 
@@ -56,8 +57,9 @@ class Space(NamedTuple):
     columns: Array  # (S, nv) forces of the controls over their scales
     answers: Array  # (S + e, nv) M^-1 times columns and J^T
     force: Array  # (nv,)
+    turned: Array  # (nv, S + e + 1) the same as columns, a last
     residual: Array  # (n, 3) z, z', drift
-    moved: Array  # (e + r, S + e) lines times answers
+    moved: Array  # (e + r, S + e + 1) lines times these
     square: Array  # (e, e) J M^-1 J^T
     solved: Array  # (e, S + 1) its inverse times that of the controls, and times what is lacking
     matrix: Array  # (r, S) G of (5.6) in the scales of the controls
@@ -73,7 +75,7 @@ class Space(NamedTuple):
 
 def no_rows() -> Rows:
     """Make what a scene without rows has."""
-    return Rows(np.zeros((0, 8), np.int64), np.zeros((0, 1)))
+    return Rows(np.zeros((0, 9), np.int64), np.zeros((0, 1)))
 
 
 @kernel(inline=True)
@@ -92,7 +94,7 @@ def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: 
     eliminated, beyond = held + ideal, servo + second
     whole = eliminated + beyond
     width = max(whole, controls + eliminated + 1, driven, 4)
-    height = whole - held + whole + 3 * eliminated + beyond + 4 + 3 * (whole + controls)
+    height = velocities + whole - held + whole + 3 * eliminated + beyond + 4 + 3 * (whole + controls)
     return RowMemory(
         np.zeros((whole + 2 * controls + eliminated + 1, velocities)), np.zeros((height, width)), np.zeros((2, size)),
         np.zeros((links, 6)),
@@ -113,7 +115,8 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     a = e + r
     b = a + s
     c = b + s + e
-    moved = a - sizes.held
+    residual = lines.shape[1]
+    moved = residual + a - sizes.held
     square = moved + a
     solved = square + e
     matrix = solved + e
@@ -123,7 +126,7 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     second = first + b
     third = second + b
     return Space(
-        lines[:a], lines[a:b], lines[b:c], lines[c], small[:moved], small[moved:square], small[square:solved],
+        lines[:a], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved], small[moved:square], small[square:solved],
         small[solved:matrix], small[matrix:apart], small[apart:vectors], small[vectors], small[vectors + 1],
         small[vectors + 2], small[vectors + 3], small[first:second], small[second:third], small[third:],
     )  # fmt: skip

@@ -49,7 +49,7 @@ def only(driven: Integers, k: int, given: Array, growing: Array) -> None:
     growing[driven[k, LENGTH], driven[k, COLUMN] + 1] = 1.0
 
 
-@kernel
+@kernel(inline=True)
 def push_on(sizes: Sizes, space: Space, k: int) -> float:
     """Return the force [N] of the ideal rows on driven length k."""
     force = 0.0
@@ -58,7 +58,7 @@ def push_on(sizes: Sizes, space: Space, k: int) -> float:
     return force
 
 
-@kernel
+@kernel(inline=True)
 def speed_of(line: Array, tree: Tree, y: Array) -> float:
     """Return a row times the velocities."""
     total, first = 0.0, tree.shape[of.POSITIONS]
@@ -67,7 +67,7 @@ def speed_of(line: Array, tree: Tree, y: Array) -> float:
     return total
 
 
-@kernel
+@kernel(inline=True)
 def row_power(sizes: Sizes, space: Space, r: int, driven: Integers, tree: Tree, y: Array, given: Array) -> float:
     """Return the power [W] of an ideal row."""
     speed = speed_of(space.lines[r], tree, y)
@@ -76,7 +76,7 @@ def row_power(sizes: Sizes, space: Space, r: int, driven: Integers, tree: Tree, 
     return space.shares[sizes.controls + r] * speed
 
 
-@kernel
+@kernel(inline=True)
 def add_row_powers(
     rows: Rows, sizes: Sizes, space: Space, driven: Integers, tree: Tree, y: Array, given: Array, work: int, dy: Array
 ) -> None:

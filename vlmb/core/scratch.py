@@ -130,6 +130,12 @@ def keep_load(rows: Array, i: int, applied: Applied, tip: TipLoad) -> None:
 
 
 @kernel(inline=True)
+def keep_no_load(rows: Array, i: int) -> None:
+    """Write that nothing acts on a link."""
+    rows[i, TURN : SLIDE + 1] = 0.0 * rows[i, DIRECTION]
+
+
+@kernel(inline=True)
 def kept_load(rows: Array, i: int) -> tuple[Applied, TipLoad]:
     """Read what acts on a link."""
     applied = Applied(row_pair(rows, i, TURN), rows[i, PULL], rows[i, PUSH])

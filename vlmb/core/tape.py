@@ -14,7 +14,7 @@ from __future__ import annotations
 from vlmb.core import opcodes as op
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Array, Buffers, Tape
-from vlmb.core.operations import binary_slopes, binary_value, unary_slopes, unary_value
+from vlmb.core.operations import binary_slopes, binary_value, unary_jet, unary_value
 from vlmb.core.scalars import NAN, finite
 
 
@@ -69,8 +69,7 @@ def play_jets(tape: Tape, buffers: Buffers, begin: int, end: int) -> None:
         code, a, b, o = tape.code[k, op.OPERATION], tape.code[k, op.FIRST], tape.code[k, op.SECOND], leaves + k
         x, x1, x2 = slots[a, 0], slots[a, 1], slots[a, 2]
         if code >= op.UNARY:
-            f = unary_value(code, x, tape.constant[k])
-            slope, bend = unary_slopes(code, x, f, tape.constant[k])
+            f, slope, bend = unary_jet(code, x, tape.constant[k])
             slopes[k, 0] = slope
             slots[o, 0], slots[o, 1], slots[o, 2] = f, slope * x1, slope * x2 + bend * x1 * x1
         elif code == op.SELECT:

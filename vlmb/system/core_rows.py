@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vlmb.core.row_arrays import (
     ALONG,
     CONTROLS,
+    COUPLED,
     FIRST,
     FORM,
     FREE,
@@ -61,18 +62,20 @@ def make_rows(
         return no_rows()
     ideal, servo = len(mechanism.scene.constraints), len(plan.texts) if plan is not None else 0
     acting = control_channels(mechanism)
-    numbers = np.full((1 + len(info) + len(acting), 8), -1, np.int64)
+    numbers = np.full((1 + len(info) + len(acting), 9), -1, np.int64)
     numbers[0, [HELD, IDEAL, SERVO, SECOND]] = held, ideal, servo, len(info) - ideal - servo
     numbers[0, [CONTROLS, FIRST, PROJECTED]] = len(acting), first, held and run.knife_edge == "projection"
     if plan is not None and plan.free is not None:
         numbers[0, FREE] = first + len(info)
-    for k, row in enumerate(info):
-        numbers[1 + k, FORM] = form_of_row(row.holonomic, row.angle)
-        numbers[1 + k, WORK] = works[row.text] if k < ideal and row.working else -1
-    for k, force in enumerate(acting):
-        numbers[1 + len(info) + k, [ALONG, WORK]] = table.along(force), works[force.name]
+    for at, row in enumerate(info):
+        numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
+        numbers[1 + at, WORK] = works[row.text] if at < ideal and row.working else -1
+    for at, force in enumerate(acting):
+        numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]
     gains = np.zeros((len(info) + 1, max(2 * len(info), len(acting) + 1)))
-    gains[: len(info), : 2 * len(info)] = np.hstack(gain_table(info, plan, ideal, run.gain))
+    h, k = gain_table(info, plan, ideal, run.gain)
+    gains[: len(info), : 2 * len(info)] = np.hstack([h, k])
+    numbers[0, COUPLED] = any(np.count_nonzero(matrix - np.diag(np.diag(matrix))) for matrix in (h, k))
     gains[-1, : len(acting) + 1] = *control_scales(mechanism, acting), run.gain
     return Rows(numbers, gains)
 
