@@ -284,10 +284,21 @@ def test_a_collapse_ends_with_a_sentence(method: str) -> None:
     )
 
 
+@pytest.mark.parametrize("method", ["adams", "dop853"])
+def test_a_crawl_ends_with_a_sentence(method: str) -> None:
+    """A moment that turns with the velocity within 1e-12 rad/s: steps without end are a failure, not a wait."""
+    law = "-1e8*atan(1e12*psi1_dot)"
+    forces = [{"on": "M_psi1", "law": law}]
+    made = scene(PIVOT, [link("a", lower=FIXED, upper=FIXED)], gravity=0.0, start={"psi1": 0.3, "psi1_dot": 1.0}, forces=forces)
+    trajectory = vlmb.simulate(made, duration=3.0, t_eval=[0.0, 3.0], method=method, rtol=1e-9, atol=1e-11)
+    assert trajectory.status == "failed"
+    assert "steps" in trajectory.message
+    assert trajectory.stats["rhs_evaluations"] < 300_000
+
+
 @pytest.mark.parametrize("engine", ["core", "pinocchio"])
-@pytest.mark.parametrize("method", ADAPTIVE)
-def test_a_crawl_ends_with_a_sentence(method: str, engine: str) -> None:
-    """A control that switches sides with the velocity: steps without end between two samples are a failure, not a wait."""
+@pytest.mark.parametrize("method", ["bdf", "radau"])
+def test_a_control_that_switches_with_the_velocity_ends_with_a_sentence(method: str, engine: str) -> None:
     made = scene(PIVOT, [link("a", lower=FIXED, upper=FIXED)], gravity=0.0, start={"psi1": 0.3, "psi1_dot": 1.0})
 
     def switching(t: float, view: Any) -> dict[str, float]:
@@ -297,7 +308,6 @@ def test_a_crawl_ends_with_a_sentence(method: str, engine: str) -> None:
     trajectory = vlmb.simulate(made, duration=3.0, t_eval=[0.0, 3.0], control=switching, **options)
     assert trajectory.status == "failed"
     assert "steps" in trajectory.message
-    assert trajectory.stats["rhs_evaluations"] < 300_000
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -611,8 +621,9 @@ def test_a_stored_run_can_be_run_again(method: str, tmp_path: Path) -> None:
 def test_columns_of_numbers(skier: vlmb.Trajectory, tmp_path: Path) -> None:
     path = skier.save_csv(tmp_path / "run.csv")
     with path.open(encoding="utf-8", newline="") as file:
-        header, *rows = list(csv.reader(file))
-    assert header[0] == "t"
+        units, *rows = list(csv.reader(file))
+    assert units[0] == "t [s]" and "psi1 [rad]" in units and "knife_edge [N]" in units
+    header = [name.partition(" [")[0] for name in units]
     assert (
         header[: 1 + 2 * 10]
         == ["t", *skier.mechanism.coordinate_names, *(f"{n}_dot" for n in skier.mechanism.coordinate_names)][: 1 + 2 * 10]
