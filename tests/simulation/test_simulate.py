@@ -6,7 +6,11 @@ import csv
 import io
 import json
 import math
+import os
 import pickle
+import re
+import signal
+import threading
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -337,10 +341,27 @@ def test_an_interrupt_from_the_progress_bar() -> None:
     assert 0.2 < trajectory.t[-1] < 0.21
 
 
-def test_progress_is_told_the_time() -> None:
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+def test_progress_is_told_the_time(engine: str) -> None:
     told: list[float] = []
-    trajectory = vlmb.simulate(bent(PIVOT, 1), duration=0.3, progress=told.append)
+    trajectory = vlmb.simulate(bent(PIVOT, 1), duration=0.3, progress=told.append, engine=engine)
     assert told == trajectory.t[1:].tolist()
+    told.clear()  # where samples are rare, in between as well
+    vlmb.simulate(bent(PIVOT, 4), duration=60.0, t_eval=[0.0, 60.0], progress=told.append, engine="core")
+    assert len(told) > 2 and told[-1] == 60.0 and told == sorted(set(told))
+
+
+@pytest.mark.parametrize("control", [None, lambda t, view: {"M_psi1": 0.1}], ids=["compiled", "control"])
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+def test_a_signal_interrupts_a_run(engine: str, control: Any) -> None:
+    """Ctrl-C, from another thread while the run is under way: whatever is computed is kept."""
+    timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    run = vlmb.simulate(bent(PIVOT, 2), duration=1e5, method="adams", engine=engine, control=control, t_eval=np.arange(1e5))
+    timer.join()
+    assert run.status == "interrupted" and re.match(r"interrupted at t = \S+ s; the part so far is kept", run.message)
+    assert 0 < len(run) < 1e5 and run.t[-1] <= 1.00001 * float(run.message.split()[4])
+    assert np.isfinite(run.states).all() and run.stats["steps"] > 0
 
 
 def test_an_error_of_the_users_control_is_the_users() -> None:

@@ -158,7 +158,7 @@ class Loop:
         """Right-hand sides so far."""
         return int(self.driver.counts[EVALUATIONS])
 
-    def failed_by(self, error: Exception) -> str:
+    def failed_by(self, error: BaseException) -> str:
         """Return the sentence for an error that went through."""
         self._go_back()
         source = "the control raised " if self.engine.raised(error) else ""
@@ -187,6 +187,7 @@ class Loop:
                 if sentence is not None:
                     return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
         except VlmbError as error:
+            self._go_back()
             why = ""
             if not isinstance(error, SingularError):
                 with contextlib.suppress(VlmbError):
@@ -306,7 +307,7 @@ class Loop:
         values, rates = self.engine.indicators(self.t, self.driver.point) if self.engine.events else ((), ())
         for event, value, rate in zip(self.engine.events, values, rates, strict=True):
             if event.ends and abs(value) <= UNDER and rate < -UNDER:
-                self.extra = self.t, np.array(self.driver.point)
+                self._end_here()
                 return event.sentence
         return None
 

@@ -121,7 +121,7 @@ def simulate(
 
         try:
             status, message = loop.run()
-        except Exception as error:
+        except BaseException as error:
             with contextlib.suppress(AttributeError):  # a type without room for it
                 error.trajectory = trajectory("failed", loop.failed_by(error))  # type: ignore[attr-defined]
             raise
