@@ -50,7 +50,6 @@ from vlmb.system.events import FALL, LINE_UP, SWITCH, Event
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
-FIRST_SLICE = 200  # evaluations
 IN_LINE = 1e-6  # sine of an angle below which two directions line up
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
@@ -70,6 +69,11 @@ class Engine(Protocol):
     @property
     def size(self) -> int:
         """Numbers in a state."""
+        ...
+
+    @property
+    def first_slice(self) -> int:
+        """Evaluations that take some hundredths of a second at most, however slow: the first look at signals comes then."""
         ...
 
     @property
@@ -131,7 +135,7 @@ class Loop:
         directions = np.array([event.direction for event in engine.events])
         self.driver = make_driver(
             self.method.driver, engine.size, times, directions, rtol=run.rtol, atol=run.atol, step=step, h_max=self.h_max,
-            slice_size=FIRST_SLICE,
+            slice_size=engine.first_slice,
         )  # fmt: skip
         self.driver.point[:] = y
         ends = [event.ends for event in engine.events]

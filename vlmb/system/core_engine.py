@@ -24,6 +24,8 @@ from vlmb.system.forces import Control, ControlReader, StateView, known_rows
 
 Array = NDArray[np.float64]
 
+FIRST_SLICE = 200  # evaluations with a control
+QUICK = 1_000_000  # numbers of states that evaluations take in about 0.01 s
 
 
 class CoreEngine:
@@ -41,6 +43,11 @@ class CoreEngine:
         self.branches: list[Array] = []  # and the coordinates near which it read angles
         self.errors: list[VlmbError] = []  # of the control, since the last accepted step
         self.scratch = np.zeros((9, len(plan.events)))
+
+    @property
+    def first_slice(self) -> int:
+        """Evaluations of the first slice."""
+        return FIRST_SLICE if self.reader is not None else max(FIRST_SLICE, QUICK // self.size)
 
     @property
     def events(self) -> tuple[Event, ...]:
