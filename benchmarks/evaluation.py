@@ -4,8 +4,8 @@ Usage: python benchmarks/evaluation.py
 
 Bare calls: `crba` and `nonLinearEffects`, the least that any dense formulation asks for; `aba` alone is the other yardstick.
 Error: direction and length accelerations beside mass points and Lagrange's equations in extended precision, as far as that can
-be factored. Every way of evaluating is measured where it fits; `simulate` takes one of them by the number of links. The compiled
-core evaluates in a compiled loop, as its drivers do.
+be factored. Both engines are measured: the core's recursion in a compiled loop, as its drivers call it, and Pinocchio's through
+its workspace, where one dense model fits.
 """
 
 from __future__ import annotations
@@ -24,8 +24,22 @@ from common import interleaved, micro, table, write_report
 import numba
 import numpy as np
 import pinocchio as pin
-from chains import BASES, LEG, LONG, MASS, ROD, TIP, Array, chain, core_chain, largest_error, posture, reference
-from vlmb.model.long_chains import LONG_CHAIN
+from chains import (
+    BASES,
+    LEG,
+    LONG,
+    MASS,
+    ROD,
+    TIP,
+    Array,
+    chain,
+    core_chain,
+    core_measured,
+    largest_error,
+    measured,
+    posture,
+    reference,
+)  # fmt: skip
 
 import vlmb
 from vlmb.core.links import accelerate, respond
@@ -33,13 +47,14 @@ from vlmb.core.scratch import Scratch, make_scratch
 from vlmb.core.tree import VELOCITIES, Tree
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import data_bytes, make_data
+from vlmb.system.engines import make_engine
 from vlmb.system.system import make_system
 from vlmb.views.style import BLACK, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WAYS = ("recursive", "dense", "subchains")
+ENGINES = ("core", "pinocchio")
 LINKS = {
     "pivot": (1, 2, 4, 8, 12, 16, 20, 24, 32, 50, 100, 200, 500, 1000),
     "ski": (1, 2, 8, 20, 24, 32, 50, 100),
@@ -51,17 +66,21 @@ INSIDE = 20000  # links that the core goes through in one batch
 HELD = (1, 8, 24, 50, 100, 200, 500, 1000)  # links whose memory is measured
 
 
-def ways(links: int) -> tuple[str, ...]:
-    """Ways of evaluating that a chain of this length fits."""
-    return WAYS if links <= ONE_MODEL else WAYS[2:]
+def engines(links: int) -> tuple[str, ...]:
+    """Engines that a chain of this length fits."""
+    return ENGINES if links <= ONE_MODEL else ENGINES[:1]
 
 
-def evaluation(mechanism: Mechanism, state: vlmb.State, way: str | None = None) -> Callable[[], Any]:
-    """One evaluation, by the way that `simulate` takes or by a named one; it returns the velocities' derivatives."""
-    workspace = make_system(mechanism, route=way).workspace()
-    y, first = workspace.pack(state), workspace.nq
-    rhs, last = workspace.rhs, first + workspace.nv
-    return lambda: rhs(0.0, y)[first:last]
+def rates(mechanism: Mechanism, state: vlmb.State, engine: str) -> tuple[Callable[[], Array], int]:
+    """One evaluation of y' by an engine, and where the velocities' rates begin."""
+    system = make_system(mechanism)
+    if engine == "core":
+        made = make_engine(system, np.zeros(len(mechanism.layout.names)), None, engine)
+        y, first = made.pack(state), system.core_plan.positions
+        return lambda: made.evaluate(0.0, y), first
+    workspace = system.workspace()
+    y, rhs = workspace.pack(state), workspace.rhs
+    return lambda: rhs(0.0, y), workspace.nq
 
 
 @numba.njit(_nrt=False)
@@ -91,26 +110,30 @@ def core_seconds(base: str, n: int) -> dict[str, float]:
 
 
 def seconds(mechanism: Mechanism) -> dict[str, float]:
-    """Seconds of one evaluation by each way, and of Pinocchio's calls, taken in turn."""
+    """Seconds of one evaluation by Pinocchio's workspace, and of Pinocchio's bare calls, taken in turn."""
     links, state, model = len(mechanism.layout.links), posture(mechanism, 0), mechanism.model
-    functions = {way: evaluation(mechanism, state, way) for way in ways(links)}
-    if links <= ONE_MODEL:
-        data, q, v, tau = make_data(mechanism.model), np.array(state.q), np.array(state.v), np.zeros(model.nv)
-        functions["bare"] = lambda: (pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v))
-        functions["aba"] = lambda: pin.aba(model, data, q, v, tau)
-    return interleaved(functions, repeats=30 if links <= 8 else 12 if links <= ONE_MODEL else 6)
+    if links > ONE_MODEL:
+        return {}
+    data, q, v, tau = make_data(mechanism.model), np.array(state.q), np.array(state.v), np.zeros(model.nv)
+    functions = {
+        "pinocchio": rates(mechanism, state, "pinocchio")[0],
+        "bare": lambda: (pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)),
+        "aba": lambda: pin.aba(model, data, q, v, tau),
+    }
+    return interleaved(functions, repeats=30 if links <= 8 else 12)
 
 
 def errors(mechanism: Mechanism) -> dict[str, float]:
-    """Largest relative error of each way over some states."""
-    found = dict.fromkeys(ways(len(mechanism.layout.links)), 0.0)
+    """Largest relative error of each engine over some states."""
+    found = dict.fromkeys(engines(len(mechanism.layout.links)), 0.0)
     for seed in range(STATES):
         drawn = posture(mechanism, seed)
         state = vlmb.State(pin.normalize(mechanism.model, drawn.q), drawn.v)
         exact = reference(mechanism, state)
-        for way in found:
-            vdot = evaluation(mechanism, state, way)()
-            found[way] = max(found[way], largest_error(mechanism, state, vdot, exact))
+        for engine in found:
+            evaluate, first = rates(mechanism, state, engine)
+            read = core_measured if engine == "core" else measured
+            found[engine] = max(found[engine], largest_error(read(mechanism.layout, state, evaluate()[first:]), exact))
     return found
 
 
@@ -130,13 +153,13 @@ def print_memory(links: int, evaluated: bool) -> None:
     before = resident()
     mechanism = build(chain("pivot", links))
     if evaluated:
-        evaluation(mechanism, posture(mechanism, 0))()
+        rates(mechanism, posture(mechanism, 0), "core")[0]()
     print(resident() - before)
 
 
 def measure() -> dict[str, Any]:
     """Measure everything, one chain at a time: Data of a long one takes gigabytes."""
-    data: dict[str, Any] = {"time": {}, "error": {}, "memory": {}, "long_chain": LONG_CHAIN}
+    data: dict[str, Any] = {"time": {}, "error": {}, "memory": {}}
     for base, sizes in LINKS.items():
         data["time"][base], data["error"][base] = {}, {}
         for n in sizes:
@@ -155,19 +178,18 @@ def rows(data: dict[str, Any], base: str) -> list[tuple[str, ...]]:
     """Table rows of the chains on a base."""
     found = []
     for n, time in data["time"][base].items():
-        ours, error = time["recursive" if n <= LONG_CHAIN else "subchains"], data["error"][base][n]
-        yardsticks = [f"{ours / time[name]:.2f}" if name in time else "-" for name in ("bare", "aba")]
-        times = [micro(time[way]) if way in time else "-" for way in WAYS]
-        core = [micro(time["core"]), f"{time['core'] / time['aba']:.3f}" if "aba" in time else "-", micro(time["respond"])]
-        wrong = [f"{error[way]:.1e}" if way in error else "-" for way in WAYS]
-        found.append((f"{base}, {n}", micro(ours), *yardsticks, *core, *times, *wrong))
+        error, aba = data["error"][base][n], time.get("aba")
+        beside = [f"{time[name] / aba:.3f}" if aba and name in time else "-" for name in ("core", "respond", "pinocchio", "bare")]
+        times = [micro(time[name]) if name in time else "-" for name in ("core", "respond", "pinocchio", "aba")]
+        found.append((f"{base}, {n}", *times, *beside, *(f"{error[e]:.1e}" if e in error else "-" for e in ENGINES)))
     return found
 
 
 def report(data: dict[str, Any]) -> list[str]:
     """Parts of the page."""
-    columns = (*(f"{way}, us" for way in WAYS), *(f"error {way}" for way in WAYS))
-    header = ("chain", "ours, us", "ours / bare", "ours / aba", "core, us", "core / aba", "its response, us", *columns)
+    times = ("core, us", "its response, us", "pinocchio engine, us", "aba, us")
+    ratios = ("core / aba", "response / aba", "pinocchio engine / aba", "bare calls / aba")
+    header = ("chain", *times, *ratios, *(f"error {engine}" for engine in ENGINES))
     held, last = data["memory"], HELD[-1]
     sizes = [(n, f"{held[n] / 2**20:.4g}", f"{data_bytes(5 * n) / 2**20:.4g}") for n in HELD]
     return [
@@ -177,9 +199,9 @@ def report(data: dict[str, Any]) -> list[str]:
         f"direction and length accelerations over {STATES} postures in motion, beside mass points in numbers of "
         f"{np.finfo(LONG).nmant + 1} bits (double: 53).",
         table(header, [row for base in BASES for row in rows(data, base)]),
-        f"*Ours* is what `simulate` takes for springs and dampers: one pass through one model up to {LONG_CHAIN} links, which "
-        "loses digits beyond; then as many sub-chains as links, joined by a banded solve. Everything else is dense. "
-        "*Core* is the compiled recursion over links.",
+        "*Core* is the compiled recursion over links in a compiled loop; its *response* is what further forces add, with the "
+        "factors at hand. The *Pinocchio engine* forms one dense mass matrix, as every form of constraint asks for; its time is "
+        "that of a call from Python. *Bare calls*: `crba` and `nonLinearEffects`.",
         "![time and error over the number of links](evaluation.png)",
         "## Memory",
         "What a process grows by when it builds and evaluates a chain on a pivot, and an estimate of one model's "
@@ -194,7 +216,7 @@ def draw(data: dict[str, Any], figure: Figure) -> None:
     """Time and error over the number of links, both logarithmic."""
     axes = figure.subplots(1, 2)
     for base, dashes in zip(BASES, ("-", "--"), strict=True):
-        for way, colour in zip(WAYS, PALETTE, strict=False):
+        for way, colour in zip(ENGINES, PALETTE, strict=False):
             for panel, name, scale in ((axes[0], "time", 1e3), (axes[1], "error", 1.0)):
                 n = [k for k in data[name][base] if way in data[name][base][k]]
                 values = [data[name][base][k][way] * scale for k in n]

@@ -175,7 +175,7 @@ def twenty_scenes() -> list[dict[str, Any]]:
 
 @pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
 def test_nothing_is_compiled_after_the_first_scene() -> None:
-    """One machine code serves all mechanisms, laws and methods: no function gets another signature."""
+    """One machine code serves all mechanisms, laws and methods: no function gets another signature, none is compiled."""
     scenes = twenty_scenes()
     assert len(scenes) >= 21
     vlmb.simulate(**scenes[0], duration=0.05).summary()

@@ -187,3 +187,33 @@ def test_what_a_control_is_not_asked_for(tmp_path: Path) -> None:
         np.testing.assert_array_equal(loaded.controls[name], run.controls[name])
     np.testing.assert_allclose(run.controls["M_psi1"], np.sin(9 * run.t), rtol=0, atol=1e-14)
     np.testing.assert_array_equal(loaded.reactions["phi1 = phi0"], run.reactions["phi1 = phi0"])
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+def test_a_run_that_stops_at_its_start_has_the_force_of_the_control_there(engine: str) -> None:
+    leg = {"length": 0.25, "limits": [0.25, 0.6]}
+    made = scene(PIVOT, [link("a", lower=leg, upper=FIXED)], start={"psi1": 0.3, "xi1_1_dot": -1.0})
+    run = vlmb.simulate(made, duration=0.3, engine=engine, control=lambda t, view: {"M_psi1": 3.0})
+    assert run.status == "stopped" and run.t.tolist() == [0.0]
+    assert run.controls["M_psi1"].tolist() == [3.0] and "not known" not in run.message
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+@pytest.mark.parametrize("error", [SystemExit, RuntimeError, vlmb.SceneError])
+def test_an_error_of_any_kind_tells_its_time_and_keeps_the_run(error: type[BaseException], engine: str) -> None:
+    """Also where the control fails at a sample that was just taken, and where the error ends the program."""
+
+    def control(t: float, view: Any) -> dict[str, float]:
+        if t == 0.125:
+            raise error("mine")
+        return {"M_psi1": 0.1}
+
+    times = [0.0, 0.1, 0.125, 0.3]
+    try:
+        run = vlmb.simulate(bent(PIVOT, 1), duration=0.3, engine=engine, control=control, t_eval=times)
+    except (SystemExit, RuntimeError) as caught:
+        run = caught.trajectory  # type: ignore[union-attr]
+    assert run.status == "failed" and "mine" in run.message
+    assert run.t.tolist() == [0.0, 0.1, 0.125]
+    assert 0.1 <= float(run.message.split()[4]) <= 0.15
+    assert run.controls["M_psi1"][:2].tolist() == [0.1, 0.1] and math.isnan(run.controls["M_psi1"][2])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vlmb
-from tests.small_scenes import FLYING, PIVOT, SKI, bent, link, scene
+from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, bent, link, scene
 from vlmb.simulation.methods import METHODS, find_method
 from vlmb.system.dense import Dense
 
@@ -331,6 +331,55 @@ def test_a_prescribed_length_with_a_smooth_kink(method: str, engine: str) -> Non
     np.testing.assert_allclose(trajectory["xi1_1_dot"], 0.3 * s * np.cos(3 * trajectory.t), rtol=0, atol=1e-13)
     np.testing.assert_allclose(length**2 * trajectory["phi1_dot"], 0.09 * 1.2, rtol=0, atol=tolerance)
     assert np.abs(trajectory["balance"]).max() < 100 * tolerance
+
+
+# Short events in time -------------------------------------------------------------------------------------------------
+
+ADAPTIVE_ON = pytest.mark.parametrize("method", ADAPTIVE)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@ADAPTIVE_ON
+def test_a_bump_in_time_is_not_stepped_over(method: str, engine: str) -> None:
+    """A gliding ski, 82.6 kg, under F_x = 1000 exp(-((t - 5.2)/0.05)^2): its speed gains 1000 0.05 sqrt(pi) / 82.6."""
+    base = {"kind": "ski", "mass": 82.6, "inertia": 1.2}
+    bump = {"on": "F_x", "law": "1000*exp(-((t-5.2)/0.05)**2)"}
+    made = scene(base, [], start={"speed": 2.0}, forces=[bump], run={"fall": False})
+    run = vlmb.simulate(made, duration=10.0, method=method, engine=engine, t_eval=[0.0, 10.0])
+    assert run["speed"][-1] == pytest.approx(2.0 + 50.0 * math.sqrt(math.pi) / 82.6, abs=1e-4)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@ADAPTIVE_ON
+def test_a_control_that_acts_for_a_moment_is_not_stepped_over(method: str, engine: str) -> None:
+    push = 40.0
+
+    def control(t: float, view: Any) -> dict[str, float]:
+        return {"F1_1": push if 5.0 < t < 5.2 else 0.0}
+
+    options = {"method": method, "engine": engine, "rtol": 1e-6, "atol": 1e-8}
+    run = vlmb.simulate(pushed("0"), duration=10.0, t_eval=[10.0], control=control, **options)
+    assert run["xi1_1_dot"][-1] == pytest.approx(push * 0.2 / 2.0, abs=1e-3)
+
+
+@ADAPTIVE_ON
+def test_an_equation_in_time_is_not_stepped_over(method: str) -> None:
+    row = "psi1 = 0.7 + 0.2*exp(-((t-5.2)/0.1)**2)"
+    made = scene(PIVOT, [link("a")], start={"psi1": 0.7}, gravity=0.0, constraints=[row], run={})
+    run = vlmb.simulate(made, duration=10.0, method=method)
+    assert run.status == "finished", run.message
+    assert np.abs(run.residuals[row].position).max() < 1e-3
+    assert run["psi1"].max() > 0.89
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@ADAPTIVE_ON
+def test_a_prescribed_length_that_moves_for_a_moment(method: str, engine: str) -> None:
+    law = "0.3 + 0.05*exp(-((t-5.2)/0.05)**2)"
+    made = scene(PIVOT, [link("a", lower={"motion": "prescribed", "law": law}, upper=FIXED)], start={"psi1": -1.5}, run={})
+    run = vlmb.simulate(made, duration=10.0, method=method, engine=engine)
+    assert run.status == "finished", run.message
+    assert np.abs(run["balance"]).max() < 1e-2
 
 
 # Stiff scenes --------------------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ WORKS, LOSS = range(2)  # number of work states, and which one holds what damper
 # Columns of `watch`: what is watched and which one.
 FORM, WHICH = range(2)
 QUANTITY, SWITCH, LINE_UP, NOTHING = range(4)  # a quantity against a bound; a switch of the tape; a spring's two directions; none
-SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound)
+SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound); of a line-up the way that is watched
 
 # What may be wrong: a code is source * SOURCES + what the source says.
 SOURCES = 1 << 40
@@ -70,7 +70,7 @@ class Memory(NamedTuple):
     lost: Array  # (1,) power lost in dampers between directions [W]
     row: Array  # (velocities,)
     switches: Array  # (switches, 2)
-    lines: Array  # (springs, 2)
+    lines: Array  # (springs, 3)
     branches: Array  # (N, quantities, 2) `reference` at samples; N = 0: not kept
     kept: Integers  # (1,) how many of them are
     rows: RowMemory
@@ -85,7 +85,7 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
         reference=np.zeros((count, 2)), near=np.zeros(len(plant.springs.pair)), force=np.zeros(nv),
         values=np.zeros(len(plant.force)), given=np.array(given),
         inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
-        switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 2)),
+        switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 3)),
         branches=np.zeros((0, count, 2)), kept=np.zeros(1, np.int64),
         rows=make_row_memory(plant.rows, nv, size, len(given), len(plant.driven)),
     )  # fmt: skip

@@ -128,6 +128,15 @@ def first_after(bounds: Array, t: float) -> int:
 
 
 @kernel
+def passing(line: Array, way: float) -> float:
+    """Return the indicator of a line-up: the rate of the cosine; where only one of 0 and pi is watched, on the other's side none.
+
+    `line`: sine, rate of the cosine, cosine. Two links that stay in line have a rate of nothing but rounding.
+    """
+    return -way if way * line[2] > 0.0 else line[1]
+
+
+@kernel
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 
@@ -154,7 +163,7 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
         elif form == SWITCH:
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:
-            out[VALUE, k], out[RATE, k] = memory.lines[which, 1], 0.0
+            out[VALUE, k], out[RATE, k] = passing(memory.lines[which], plant.bound[k, BOUND]), 0.0
         elif form == NOTHING:
             out[VALUE, k], out[RATE, k] = 1.0, 0.0
 

@@ -133,16 +133,17 @@ def spring_angle(springs: AngleSprings, k: int, tree: Tree, y: Array, near: floa
 
 @kernel
 def line_ups(springs: AngleSprings, tree: Tree, y: Array, out: Array) -> None:
-    """Write the sine of each angle and the rate of its cosine into `out` (count, 2).
+    """Write the sine of each angle, the rate of its cosine and its cosine into `out` (count, 3).
 
-    Two directions pass their line-up where the rate changes its sign while the sine is almost 0. In a plane: 1, 0.
+    Two directions pass their line-up where the rate changes its sign while the sine is almost 0. In a plane: 1, 0, 0.
     """
     for k in range(springs.pair.shape[0]):
         a, b = places.direction(tree, y, springs.pair[k, FIRST]), places.direction(tree, y, springs.pair[k, SECOND])
         n = cross(a[0], b[0])
         out[k, 0], out[k, 1] = sqrt(dot(n, n)), dot(a[1], b[0]) + dot(a[0], b[1])
+        out[k, 2] = dot(a[0], b[0])
         if springs.pair[k, FORM] == IN_PLANE:
-            out[k, 0], out[k, 1] = 1.0, 0.0
+            out[k, 0], out[k, 1], out[k, 2] = 1.0, 0.0, 0.0
 
 
 @kernel

@@ -50,7 +50,6 @@ from vlmb.system.events import FALL, LINE_UP, SWITCH, Event
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
-FIRST_SLICE = 200  # evaluations
 IN_LINE = 1e-6  # sine of an angle below which two directions line up
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
@@ -70,6 +69,11 @@ class Engine(Protocol):
     @property
     def size(self) -> int:
         """Numbers in a state."""
+        ...
+
+    @property
+    def first_slice(self) -> int:
+        """Evaluations that take some hundredths of a second at most, however slow: the first look at signals comes then."""
         ...
 
     @property
@@ -131,7 +135,7 @@ class Loop:
         directions = np.array([event.direction for event in engine.events])
         self.driver = make_driver(
             self.method.driver, engine.size, times, directions, rtol=run.rtol, atol=run.atol, step=step, h_max=self.h_max,
-            slice_size=FIRST_SLICE,
+            slice_size=engine.first_slice,
         )  # fmt: skip
         self.driver.point[:] = y
         ends = [event.ends for event in engine.events]
@@ -154,7 +158,7 @@ class Loop:
         """Right-hand sides so far."""
         return int(self.driver.counts[EVALUATIONS])
 
-    def failed_by(self, error: Exception) -> str:
+    def failed_by(self, error: BaseException) -> str:
         """Return the sentence for an error that went through."""
         self._go_back()
         source = "the control raised " if self.engine.raised(error) else ""
@@ -183,6 +187,7 @@ class Loop:
                 if sentence is not None:
                     return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
         except VlmbError as error:
+            self._go_back()
             why = ""
             if not isinstance(error, SingularError):
                 with contextlib.suppress(VlmbError):
@@ -302,7 +307,7 @@ class Loop:
         values, rates = self.engine.indicators(self.t, self.driver.point) if self.engine.events else ((), ())
         for event, value, rate in zip(self.engine.events, values, rates, strict=True):
             if event.ends and abs(value) <= UNDER and rate < -UNDER:
-                self.extra = self.t, np.array(self.driver.point)
+                self._end_here()
                 return event.sentence
         return None
 

@@ -99,7 +99,6 @@ def simulate(
         first = StateView(mechanism, t0, mechanism.postures(begin.state), branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
     breaks = _breaks(system, t0, t0 + run.duration)
-    began, used = time.perf_counter(), time.thread_time()
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
         mover = make_engine(system, branch, control)
@@ -107,6 +106,7 @@ def simulate(
         said = jumps(start, begin) if isinstance(start, End) else []
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
+        began, used = time.perf_counter(), time.thread_time()
         loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
 
         def trajectory(status: str, message: str) -> Trajectory:
@@ -121,7 +121,7 @@ def simulate(
 
         try:
             status, message = loop.run()
-        except Exception as error:
+        except BaseException as error:
             with contextlib.suppress(AttributeError):  # a type without room for it
                 error.trajectory = trajectory("failed", loop.failed_by(error))  # type: ignore[attr-defined]
             raise

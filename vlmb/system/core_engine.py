@@ -27,6 +27,8 @@ from vlmb.system.programme import weakness
 
 Array = NDArray[np.float64]
 
+FIRST_SLICE = 200  # evaluations with a control
+QUICK = 1_000_000  # numbers of states that evaluations take in about 0.01 s
 
 
 class CoreEngine:
@@ -45,6 +47,11 @@ class CoreEngine:
         self.errors: list[VlmbError] = []  # of the control, since the last accepted step
         self.scratch = np.zeros((9, len(plan.events)))
         self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
+
+    @property
+    def first_slice(self) -> int:
+        """Evaluations of the first slice."""
+        return FIRST_SLICE if self.reader is not None else max(FIRST_SLICE, QUICK // self.size)
 
     @property
     def events(self) -> tuple[Event, ...]:

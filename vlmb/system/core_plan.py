@@ -230,7 +230,7 @@ def _watched(
             own = {-1: "the base", -2: "the heading"}
             first, second = (own.get(i) or mechanism.layout.links[i].name for i in (spring.first, spring.second))
             sentence = f"{spring.name}: {first} and {second} line up, where its torque has no axis to turn about"
-            add(core.LINE_UP, k, 1.0, 0.0, Event(LINE_UP, way, spring.name, sentence))
+            add(core.LINE_UP, k, 1.0, way, Event(LINE_UP, way, spring.name, sentence))
     return watch, bounds, events
 
 

@@ -32,6 +32,7 @@ class PinocchioEngine:
     """
 
     name = "pinocchio"
+    first_slice = 200
 
     def __init__(self, system: System, control: Control | None, branch: Sequence[float]) -> None:
         self.system, self.watch = system, system.watch_plan
