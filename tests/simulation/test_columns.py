@@ -115,7 +115,7 @@ def test_what_is_shown_is_a_line_or_two(skier: vlmb.Trajectory) -> None:
         "<Mechanism of 'scene': ski base; x y phi0 phi1 psi1": skier.mechanism,
         "<Trajectory of 'scene': 201 samples, finished at t = 0.2 s; x y phi0 phi1 psi1": skier,
         "<Start: phi0 = ": consistent_start(system),
-        "<System of 'scene': pinocchio engine, knife edge reduction; prescribed xi1_1; rows lean, course; ": system,
+        "<System of 'scene': core engine, knife edge reduction; prescribed xi1_1; rows lean, course; ": system,
         "<End at t = 0.2 s: x = ": skier.end,
         "<Residual of 'phi1 = phi0': 201 samples, up to ": skier.residuals["lean"],
         "<Residual: 201 samples, its rate up to ": skier.residuals["knife_edge"],

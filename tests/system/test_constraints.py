@@ -552,8 +552,3 @@ def test_an_azimuth_at_the_pole_is_named() -> None:
 def test_no_azimuth_in_a_plane() -> None:
     with pytest.raises(vlmb.SceneError, match="phi1"):
         vlmb.simulate(scene(SKI, 1, plane=True, constraints=["phi1 = phi0"]))
-
-
-def test_the_core_says_that_it_does_not_serve_constraints() -> None:
-    with pytest.raises(vlmb.SceneError, match=r"run\.engine = 'core'.*`constraints`.*'pinocchio'"):
-        vlmb.simulate(scene(SKI, 1, constraints=["phi1 = phi0"], start={"psi1": 1.0}), engine="core")

@@ -168,8 +168,6 @@ def test_an_unknown_engine_is_refused() -> None:
 
 
 CASES = {
-    "constraints": (scene(SKI, 1, constraints=["phi1 = phi0"], start={"psi1": 1.0}), {}, "`constraints`"),
-    "multiplier": (scene(SKI, 1), {"knife_edge": "multiplier"}, "multiplier"),
     "plane": (scene(SKI, 1, plane=True), {}, "plane = true on a ski"),
 }
 
