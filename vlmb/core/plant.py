@@ -89,6 +89,12 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
 @kernel
 def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
     """Write y' at (t, y) for y = (positions, velocities, work); return 0, or source * SOURCES + what it says."""
+    return evaluate_here(plant, memory, t, y, dy)
+
+
+@kernel(inline=True)
+def evaluate_here(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
+    """Evaluate within a kernel: every array costs a nanosecond or two to hand over, and a plant has fifty."""
     code = act(plant, memory, t, y)
     if code != 0:
         return code
@@ -100,7 +106,7 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def act(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     """Write given lengths and all generalized forces but those of springs along segments; return a code as `evaluate`."""
     force = memory.force
@@ -127,7 +133,7 @@ def act(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     """Play the laws: first those of time, which give the driven lengths, then those that see the state."""
     tape, buffers = plant.tape, memory.buffers
@@ -141,7 +147,7 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def drive(plant: Plant, memory: Memory, t: float) -> None:
     """Play the laws of time with two derivatives; write the driven lengths, their rates and accelerations."""
     tape, buffers = plant.tape, memory.buffers
@@ -153,7 +159,7 @@ def drive(plant: Plant, memory: Memory, t: float) -> None:
             memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + order] = buffers.slots[slot, order]
 
 
-@kernel
+@kernel(inline=True)
 def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Write the rates of the work states: power of each force and of each driven length, and what dampers lose [W]."""
     work = plant.tree.shape[of.POSITIONS] + plant.tree.shape[of.VELOCITIES]
@@ -174,7 +180,7 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def segment_losses(tree: Tree, y: Array) -> float:
     """Return the power lost in the dampers of free segments, the sum of c a'^2 [W]."""
     lost = 0.0
