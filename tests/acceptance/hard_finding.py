@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.reference.witness import Witness
-from vlmb import Scene, Trajectory, VlmbError, build, simulate
+from vlmb import Scene, SimulationError, Trajectory, VlmbError, build, simulate
+from vlmb.core.driver import DONE, EVALUATE, FAILURE, NEXT_SAMPLE, TIME, begin, make_driver
+from vlmb.core.march import march
 from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
@@ -21,6 +23,27 @@ SKI: Table = {"kind": "ski", "mass": 5.0, "inertia": 0.6}
 TIGHT: Table = {"rtol": 1e-12, "atol": 1e-13, "fall": False}
 ANY_LENGTH = [-math.inf, math.inf]
 LOOKED_AT = 400  # postures whose condition number is computed
+
+
+def marched(method: str, rhs: Callable[[float, Array], Array], y: Array, step: float, times: Sequence[float]) -> Iterator[Array]:
+    """States at the times by fixed steps from t = 0; SimulationError where a step is not determined."""
+    driver = make_driver(method, len(y), np.array(times), step=step)
+    driver.point[:] = y
+    begin(driver, 0.0, times[-1])
+    code, seen, fault = EVALUATE, 0, "its stages do not converge"
+    while code > DONE:
+        code = march(driver)
+        if code == EVALUATE:
+            driver.counts[FAILURE] = 0
+            try:
+                driver.slope[:] = rhs(float(driver.real[TIME]), driver.point)
+            except VlmbError as error:
+                driver.counts[FAILURE], fault = 1, str(error)
+        while seen < driver.counts[NEXT_SAMPLE]:
+            yield driver.samples[seen].copy()
+            seen += 1
+    if code < DONE:
+        raise SimulationError(fault)
 
 
 @dataclass(frozen=True)

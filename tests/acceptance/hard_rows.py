@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import msgspec
 import numpy as np
-from vlmb.simulation.integrate import MAX_ITERATIONS, METHODS, ROOT
 
 import vlmb
 from tests.acceptance.hard_finding import (
@@ -19,6 +18,7 @@ from tests.acceptance.hard_finding import (
     Finding,
     Table,
     judged,
+    marched,
     refused,
     rod,
     run,
@@ -28,6 +28,7 @@ from tests.acceptance.hard_finding import (
     worst_condition,
 )
 from tests.acceptance.naive import SCHEMES
+from vlmb.core.fixed import MOST_ITERATIONS, ROOT
 from vlmb.system.gains import largest_stable_step
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
@@ -262,19 +263,17 @@ def grows(method: str, product: float, holonomic: bool, steps: int = 400) -> boo
         y = workspace.pack(consistent_start(make_system(mechanism)).state)
         y[workspace.nq + 1] = at
 
-    def size() -> float:
+    def size(y: Array) -> float:
         return (
             abs(mechanism.coordinates((y[: workspace.nq], y[workspace.nq : workspace.nq + workspace.nv]))["psi1"] - 0.3)
             if holonomic
             else abs(float(y[workspace.nq + 1]))
         )
 
-    driver = METHODS[method].make(workspace.rhs, 0.0, y, STEP * steps, step_size=STEP)
     largest = []
     try:
-        for k in range(1, steps + 1):
-            y = driver.advance(STEP * k)
-            largest.append(size())
+        for state in marched(method, workspace.rhs, y, STEP, [STEP * k for k in range(1, steps + 1)]):
+            largest.append(size(state))
             if largest[-1] > 1e3 * at:
                 return True
     except vlmb.VlmbError:
@@ -304,7 +303,7 @@ def iterated(holonomic: bool) -> Finding:
     """The Gauss method is stable at every step, but its stages are iterated: between which gains they stop to converge."""
     products = np.linspace(0.5, 3.0, 2501)
     radius = np.array([contraction(product) for product in products])
-    sure, never = (float(products[np.argmax(radius >= bound)]) for bound in (1e-10 ** (1.0 / MAX_ITERATIONS), 1.0))
+    sure, never = (float(products[np.argmax(radius >= bound)]) for bound in (1e-10 ** (1.0 / MOST_ITERATIONS), 1.0))
     measured = measured_limit("gauss", holonomic)
     row = "a holonomic row" if holonomic else "the knife edge"
     done = (

@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
-from vlmb.simulation.integrate import euler, rk4
 
 from vlmb.equations.motion import equations_of_motion
 from vlmb.errors import VlmbError
@@ -24,6 +23,22 @@ from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 FINISHED = "finished"
+Rhs = Callable[[float, Array], Array]
+
+
+def euler(rhs: Rhs, t: float, y: Array, h: float) -> Array:
+    """Explicit Euler: y + h f."""
+    return y + h * rhs(t, y)
+
+
+def rk4(rhs: Rhs, t: float, y: Array, h: float) -> Array:
+    """Classical Runge-Kutta of order 4."""
+    k1 = rhs(t, y).copy()
+    k2 = rhs(t + 0.5 * h, y + 0.5 * h * k1).copy()
+    k3 = rhs(t + 0.5 * h, y + 0.5 * h * k2).copy()
+    return y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + rhs(t + h, y + h * k3))
+
+
 SCHEMES = {"euler": euler, "rk4": rk4}
 
 

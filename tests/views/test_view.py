@@ -73,7 +73,7 @@ def longer(trajectory: Trajectory, seconds: float) -> Trajectory:
         [np.arange(n), *(np.arange(n - 2, -1, -1) if k % 2 == 0 else np.arange(1, n) for k in range(turns - 1))]
     )
     t = np.concatenate([trajectory.t, *(trajectory.t[1:] + (k + 1) * period for k in range(turns - 1))])
-    changes = {name: getattr(trajectory, name)[order][t <= seconds] for name in ("q", "v", "work", "inputs")}
+    changes = {name: getattr(trajectory, name)[order][t <= seconds] for name in ("states", "inputs")}
     return dataclasses.replace(trajectory, t=t[t <= seconds], **changes)
 
 

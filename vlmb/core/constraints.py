@@ -15,7 +15,7 @@ from vlmb.core.jit import kernel
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.programme import UNMET, copy, solve_programme
-from vlmb.core.quantities import Quantities, add_row_in_line
+from vlmb.core.quantities import Quantities, add_row_here
 from vlmb.core.row_arrays import ALONG, COUPLED, FIRST, FORM, FREE, PROJECTION, RowMemory, Rows, Sizes, Space, sizes_of, view
 from vlmb.core.rows import write_residual
 from vlmb.core.scalars import finite, sqrt
@@ -116,7 +116,7 @@ def write_lines(
             if k < count:
                 leaf = tape.entering[j]
                 which, share = tape.leaf[leaf, 1], buffers.adjoint[leaf]
-            sound = add_row_in_line(quantities, which, tree, y, given, reference, share, line) == FINE and sound
+            sound = add_row_here(quantities, which, tree, y, given, reference, share, line) == FINE and sound
         total = 0.0
         for j in range(line.shape[0]):
             total += line[j]

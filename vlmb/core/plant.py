@@ -96,6 +96,12 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
 @kernel
 def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
     """Write y' at (t, y) for y = (positions, velocities, work); return 0, or source * SOURCES + what it says."""
+    return evaluate_here(plant, memory, t, y, dy)
+
+
+@kernel(inline=True)
+def evaluate_here(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
+    """Evaluate within a kernel: every array costs a nanosecond or two to hand over, and a plant has fifty."""
     held = plant.rows.table.shape[0] > 0
     if held and plant.rows.table[0, PROJECTED] != 0:
         code = onto_edge(plant, memory, t, y, dy)
@@ -161,7 +167,7 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     return 0
 
 
-@kernel
+@kernel(inline=True)
 def drive(plant: Plant, memory: Memory, t: float) -> None:
     """Play the laws of time with two derivatives; write the driven lengths, their rates and accelerations."""
     tape, buffers = plant.tape, memory.buffers

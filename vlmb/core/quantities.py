@@ -126,11 +126,11 @@ def push_centre_of_mass(share: Array, tree: Tree, y: Array, given: Array, e: Vec
 @kernel
 def measure(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, out: Array) -> int:
     """Write value, rate and drift of quantity k into out[k] (3,); reference (count, 2). Return a code."""
-    return measure_in_line(quantities, k, tree, y, given, reference, out)
+    return measure_here(quantities, k, tree, y, given, reference, out)
 
 
 @kernel(inline=True)
-def measure_in_line(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, out: Array) -> int:
+def measure_here(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, out: Array) -> int:
     """The same as a part of the caller: calls with so many arrays take longer than most quantities."""
     kind, link = quantities.kind[k, KIND], quantities.kind[k, LINK]
     other, along, offset = quantities.kind[k, COMPONENT], quantities.kind[k, ALONG], quantities.offset[k]
@@ -177,11 +177,11 @@ def add_row(
 
     A force of 0 needs no row: it is never refused.
     """
-    return add_row_in_line(quantities, k, tree, y, given, reference, scale, out)
+    return add_row_here(quantities, k, tree, y, given, reference, scale, out)
 
 
 @kernel(inline=True)
-def add_row_in_line(
+def add_row_here(
     quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, scale: float, out: Array
 ) -> int:
     """The same as a part of the caller."""
@@ -223,7 +223,7 @@ def measure_these(
 ) -> int:
     """Measure some quantities into `out` (count, 3); return 0, or code + 3 k of the first k that has no value."""
     for k in these:
-        code = measure_in_line(quantities, k, tree, y, given, reference, out)
+        code = measure_here(quantities, k, tree, y, given, reference, out)
         if code != FINE:
             return code + 3 * k
     return 0

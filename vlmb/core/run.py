@@ -35,7 +35,7 @@ from vlmb.core.plant import (
     Memory,
     Plant,
     drive,
-    evaluate,
+    evaluate_here,
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
 from vlmb.core.row_arrays import SIDE as DET_SIDE
@@ -61,17 +61,17 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
         if memory.branches.shape[0] > 0:
             keep_branches(memory, answers[NEXT_SAMPLE])
         if code == EVALUATE:
-            answers[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
+            answers[FAILURE] = evaluate_here(plant, memory, real[TIME], driver.point, driver.slope)
         elif code == INDICATE:
-            if accept(plant, memory, driver.point) != 0:
+            if accept_here(plant, memory, driver.point) != 0:
                 answers[FIRST_FAILURE] = FROM_SIDE * SOURCES
                 return FAILED
-            real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
-            indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
+            real[H_MAX] = longest_step_here(plant, bounds, h_max, real[TIME], driver.point)
+            indicate_here(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
     return code
 
 
-@kernel
+@kernel(inline=True)
 def keep_branches(memory: Memory, taken: int) -> None:
     """Keep the branches of angles at the samples taken since."""
     for k in range(memory.kept[0], taken):
@@ -87,6 +87,12 @@ def accept(plant: Plant, memory: Memory, y: Array) -> int:
     Return 1 where det G of a programme with as many controls as rows has changed its sign since the last one, else 0. G is
     that of the last evaluation, at this state or a guess of it.
     """
+    return accept_here(plant, memory, y)
+
+
+@kernel(inline=True)
+def accept_here(plant: Plant, memory: Memory, y: Array) -> int:
+    """`accept` within a kernel."""
     follow(plant.quantities, plant.tree, y, memory.reference)
     follow_springs(plant.springs, plant.tree, y, memory.near)
     if plant.rows.table.shape[0] == 0:
@@ -100,6 +106,12 @@ def accept(plant: Plant, memory: Memory, y: Array) -> int:
 @kernel
 def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
     """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
+    return longest_step_here(plant, bounds, h_max, t, y)
+
+
+@kernel(inline=True)
+def longest_step_here(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
+    """`longest_step` within a kernel."""
     longest, k = h_max, first_after(bounds, t)
     while k < bounds.shape[0] and bounds[k, BEGIN] - t < longest:
         longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
@@ -142,6 +154,12 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
 
     One that has no value there is nan and counts as not crossed.
     """
+    indicate_here(plant, memory, t, y, dy, out)
+
+
+@kernel(inline=True)
+def indicate_here(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
+    """`indicate` within a kernel."""
     tree, quantities = plant.tree, plant.quantities
     drive(plant, memory, t)
     if plant.tape.switch.shape[0] > 0:
