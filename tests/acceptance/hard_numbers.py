@@ -135,7 +135,7 @@ def march(
         energy = pin.computeKineticEnergy(model, data, q, v) + pin.computePotentialEnergy(model, data, q)
         energy += float(vlmb.system.springs.spring_energy(mechanism, q[None])[0])
         pin.crba(model, data, q, pin.Convention.WORLD)
-        energy += sum(spring.energy(workspace.frames) for spring in workspace.system.direction_springs)
+        energy += sum(spring.energy(workspace.frames, q) for spring in workspace.system.direction_springs)
         first = energy if k == 0 else first
         errors.append(energy / first - 1.0)
         edge = max(edge, abs(float(v[1])))
