@@ -12,7 +12,6 @@ from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, 
 from vlmb.core.march import march
 from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FROM_SPRING, SOURCES, evaluate, make_memory
 from vlmb.core.run import accept, indicate, longest_step, run
-from vlmb.core.springs import line_ups
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
@@ -92,9 +91,7 @@ class CoreEngine:
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
-        line_ups(self.plan.plant.springs, self.plan.plant.tree, y, self.memory.lines)
-        names = [spring.name for spring in self.plan.springs]
-        return float(self.memory.lines[names.index(event.name), 0])
+        return self.plan.in_line(event, self.memory, y)
 
     def why(self, t: float, y: Array) -> str:
         """Add nothing: the core's codes name what is singular."""
