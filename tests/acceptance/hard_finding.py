@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.reference.drive import drive
 from tests.reference.witness import Witness
 from vlmb import Scene, SimulationError, Trajectory, VlmbError, build, simulate
-from vlmb.core.driver import DONE, EVALUATE, FAILURE, NEXT_SAMPLE, TIME, begin, make_driver
-from vlmb.core.march import march
+from vlmb.core.driver import DONE
 from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
@@ -25,25 +25,12 @@ ANY_LENGTH = [-math.inf, math.inf]
 LOOKED_AT = 400  # postures whose condition number is computed
 
 
-def marched(method: str, rhs: Callable[[float, Array], Array], y: Array, step: float, times: Sequence[float]) -> Iterator[Array]:
-    """States at the times by fixed steps from t = 0; SimulationError where a step is not determined."""
-    driver = make_driver(method, len(y), np.array(times), step=step)
-    driver.point[:] = y
-    begin(driver, 0.0, times[-1])
-    code, seen, fault = EVALUATE, 0, "its stages do not converge"
-    while code > DONE:
-        code = march(driver)
-        if code == EVALUATE:
-            driver.counts[FAILURE] = 0
-            try:
-                driver.slope[:] = rhs(float(driver.real[TIME]), driver.point)
-            except VlmbError as error:
-                driver.counts[FAILURE], fault = 1, str(error)
-        while seen < driver.counts[NEXT_SAMPLE]:
-            yield driver.samples[seen].copy()
-            seen += 1
-    if code < DONE:
-        raise SimulationError(fault)
+def marched(method: str, rhs: Callable[[float, Array], Array], y: Array, step: float, times: Sequence[float]) -> Array:
+    """States at the times by fixed steps from t = 0; SimulationError where the stages of a step do not converge."""
+    found = drive(rhs, 0.0, y, times[-1], method, times, step=step)
+    if found.code != DONE:
+        raise SimulationError(f"its stages do not converge at t = {found.t:g} s")
+    return found.samples
 
 
 @dataclass(frozen=True)

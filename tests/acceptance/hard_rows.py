@@ -181,7 +181,8 @@ def dependent(quick: bool = False) -> list[Finding]:
         rows = ("psi1 = 1.2", f"psi1 + {apart:.0e}*(xi1_1 - 0.3) = 1.2")
         case = alone.changed(constraints=rows)
         what = f"second row differs by {apart:g} of another coordinate"
-        way = run(case, times, rtol=1e-9, atol=1e-10)  # above the noise of multipliers that nearly cancel
+        loose = {"rtol": 1e-9, "atol": 1e-10} if apart == 1e-5 else {}  # above the noise of multipliers that nearly cancel
+        way = run(case, times, **loose)
         found.append(
             judged(
                 what, "Cholesky", way, both, 1e-6, naive_rows(case), residual=largest_residual(way),

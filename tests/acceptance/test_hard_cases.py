@@ -107,7 +107,7 @@ def test_5_lengths_at_zero_and_below() -> None:
         if "rebounds" in f.what:
             assert f.error < 1e-9 and not f.said
     assert "reached its limit 0 m" in named(found, "limit 0").said
-    assert all(f.error < 1e-8 for f in found if "far end" in f.what)  # a turn within a microsecond, on directions
+    assert all(f.error < 1e-9 for f in found if "far end" in f.what)
     assert "NaN" in named(found, "hinge at 1e-06 m").naive
 
 

@@ -43,6 +43,8 @@ FUNCTIONS = {
 
 def value(tree: Any, values: dict[str, Any]) -> Any:
     def operation(op: str, parts: list[Any]) -> Any:
+        if op == "atan2" and any(isinstance(part, mpmath.mpc) for part in parts):
+            raise ValueError("not real")
         return (FUNCTIONS.get(op) or getattr(mpmath, op))(*parts)
 
     return walk(tree, values.__getitem__, mpmath.mpf, operation)

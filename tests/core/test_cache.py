@@ -115,7 +115,9 @@ def test_without_a_home_temporary_files_serve(tmp_path: Path, monkeypatch: pytes
     assert found is not None and found.parent == place
 
 
-def test_reference_counts_are_left_out() -> None:
+def test_reference_counts_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "folder", lambda: None)  # a kernel from the disk shows no text
+
     @jit.kernel(inline=True)
     def first(x: np.ndarray) -> float:
         return x[0]

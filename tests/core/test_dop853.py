@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import ode, solve_ivp
 
 from tests.core.problems import kepler, kepler_at, oscillator, oscillator_at
-from vlmb.core.drive import drive
+from tests.reference.drive import drive
 from vlmb.core.driver import DONE
 
 END = 20.0

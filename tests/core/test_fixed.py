@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.core.problems import kepler, kepler_at, oscillator
-from vlmb.core.drive import drive
+from tests.reference.drive import drive
 from vlmb.core.driver import DIVERGED, DONE, NOT_FINITE, STEPS, Driver, begin, make_driver
 from vlmb.core.jit import COMPILED, kernel
 from vlmb.core.march import march

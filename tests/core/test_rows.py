@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.core.against_today import Vocabulary, forms, make_state, make_tree
+from vlmb.core import opcodes as op
 from vlmb.core import rows, tape
 from vlmb.core.opcodes import make_buffers
-from vlmb.core.quantities import ELEVATION, add_accelerations
+from vlmb.core.quantities import ELEVATION, add_accelerations, measure_these
 from vlmb.model.coordinates import make_state as pinocchio_state
 from vlmb.model.mechanism import build
 from vlmb.model.tape import compile_tape
@@ -47,11 +48,14 @@ def test_rows_agree_with_todays_engine(name: str) -> None:
     out, matrix = np.zeros((len(texts), 3)), np.zeros((len(texts), len(now.v)))
     buffers, measured = make_buffers(compiled.tape), np.zeros((len(vocabulary.known), 3))
     tape.prepare(compiled.tape, buffers, parameters)
-    found = rows.evaluate_rows(
-        compiled.tape, buffers, table, shape, forms(compiled), 0.7, now.y, given, vocabulary.reference(coordinates), parameters,
-        np.zeros((0, 3)), measured, out, matrix,
-    )  # fmt: skip
-    assert found == (0, 0)
+    reference = vocabulary.reference(coordinates)
+    assert measure_these(table, compiled.tape.used, shape, now.y, given, reference, measured) == 0
+    tape.read_leaves(compiled.tape, 0.7, parameters, measured, np.zeros((0, 3)), buffers.slots)
+    tape.play_jets(compiled.tape, buffers, compiled.tape.parts[op.PARAMETERS_END], compiled.tape.parts[op.ROOTS_END])
+    for r, form in enumerate(forms(compiled)):
+        rows.write_residual(compiled.tape, buffers, r, form, r, out)
+        assert rows.write_row(compiled.tape, buffers, table, shape, r, now.y, given, reference, matrix[r]) == 0
+    assert np.isfinite(out).all()
     scale = 1.0 + np.abs(old.drift)
     np.testing.assert_allclose(out[:, 0], old.z, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(out[:, 1], old.rate, rtol=1e-12, atol=1e-12)
@@ -78,8 +82,9 @@ def test_laws_and_switches_see_the_state() -> None:
     parameters, out, count = np.array(list(scene.parameters.values())), np.zeros(3), len(vocabulary.known)
     buffers, measured, near = make_buffers(compiled.tape), np.zeros((count, 3)), vocabulary.reference(coordinates)
     tape.prepare(compiled.tape, buffers, parameters)
-    arguments = compiled.tape, buffers, table, shape, 0.7, now.y, given, near, parameters, np.zeros((0, 3)), measured, out
-    assert rows.evaluate_laws(*arguments) == (0, 0)
+    assert measure_these(table, compiled.tape.used, shape, now.y, given, near, measured) == 0
+    tape.read_leaves(compiled.tape, 0.7, parameters, measured, np.zeros((0, 3)), buffers.slots)
+    assert tape.values(compiled.tape, buffers, out) == 0
     speed, psi, psi_rate = now.v[0], coordinates["psi1"], measured[list(vocabulary.known).index(((ELEVATION, 0, 0, 0), 0.0)), 1]
     height = mechanism.position(state, "legs", "tip")[2]
     wanted = [-100 * psi - 20 * psi_rate, -0.2 * speed * abs(speed) + float(height >= 0.7), min(psi_rate, parameters[0])]

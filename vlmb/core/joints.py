@@ -17,9 +17,9 @@ from vlmb.core.angles import FINE
 from vlmb.core.jit import kernel
 from vlmb.core.packed import buffers_of, part, quantities_of, table, tape_of, tree_of
 from vlmb.core.quantities import KIND, LINK, PLANE_ELEVATION, add_row, measure
-from vlmb.core.rows import write_residual
+from vlmb.core.rows import write_residual, write_row
 from vlmb.core.scalars import NAN, atan2, cos, finite, nearest_turn, sin
-from vlmb.core.tape import gradient, play_jets, play_values, read_leaves
+from vlmb.core.tape import play_jets, play_values, read_leaves
 from vlmb.core.tree import Array, Integers, Tree
 from vlmb.core.triples import Vector, cross, plus
 
@@ -233,13 +233,8 @@ def rows_of_joints(
     fine, residual = True, table(reals, i, packed.RESIDUAL, 3)
     for r in range(tape.root.shape[0]):
         write_residual(tape, buffers, r, form[r], r, residual)
-        gradient(tape, buffers, r, False)
-        clear(line)
-        sound = finite(residual[r, 0] + residual[r, 1] + residual[r, 2])
-        for j in range(tape.entering_ends[r, 0], tape.entering_ends[r, 1]):
-            k = tape.entering[j]
-            code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], line)
-            sound = sound and code == FINE
+        code = write_row(tape, buffers, quantities, tree, r, y, given, reference, line)
+        sound = code == FINE and finite(residual[r, 0] + residual[r, 1] + residual[r, 2])
         fine = put_row(joints, tree, axes, y, line, room, sound, known, first + r, matrix) and fine
         drift = residual[r, 2]
         for j in range(line.shape[0]):

@@ -126,7 +126,8 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     second = first + b
     third = second + b
     return Space(
-        lines[:a], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved], small[moved:square], small[square:solved],
+        lines[:a], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved], small[moved:square],
+        small[square:solved],
         small[solved:matrix], small[matrix:apart], small[apart:vectors], small[vectors], small[vectors + 1],
         small[vectors + 2], small[vectors + 3], small[first:second], small[second:third], small[third:],
     )  # fmt: skip

@@ -9,38 +9,12 @@ from vlmb.core import opcodes as op
 from vlmb.core.angles import FINE
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
-from vlmb.core.quantities import Quantities, add_row, measure_these
-from vlmb.core.scalars import finite, wrapped
-from vlmb.core.tape import gradient, play_jets, read_leaves, values
-from vlmb.core.tree import Array, Integers, Tree
+from vlmb.core.quantities import Quantities, add_row
+from vlmb.core.scalars import wrapped
+from vlmb.core.tape import gradient, play_jets, read_leaves
+from vlmb.core.tree import Array, Tree
 
 OF_POSITIONS, OF_VELOCITIES, OF_ANGLES = range(3)  # forms of a row; OF_ANGLES: of positions, z is wrapped to [-pi, pi)
-QUANTITY_FAILS, ROW_FAILS, LEAF_FAILS = range(1, 4)  # codes; with each a place
-
-
-@kernel
-def evaluate_rows(
-    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, form: Integers, t: float, y: Array, given: Array,
-    reference: Array, parameters: Array, signals: Array, measured: Array, out: Array, matrix: Array,
-) -> tuple[int, int]:  # fmt: skip
-    """Write z, z' and drift into `out` (rows, 3) and W into `matrix` (rows, nv), after `prepare`; return a code and its place.
-
-    QUANTITY_FAILS: code + 3 k of quantity k; ROW_FAILS: a row without a finite value; LEAF_FAILS: code + 3 k of a quantity
-    without a row.
-    """
-    bad = measure_these(quantities, tape.used, tree, y, given, reference, measured)
-    if bad != 0:
-        return QUANTITY_FAILS, bad
-    read_leaves(tape, t, parameters, measured, signals, buffers.slots)
-    play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ROOTS_END])
-    for r in range(tape.root.shape[0]):
-        write_residual(tape, buffers, r, form[r], r, out)
-        if not finite(out[r, 0] + out[r, 1] + out[r, 2]):
-            return ROW_FAILS, r
-        bad = write_row(tape, buffers, quantities, tree, r, y, given, reference, matrix[r])
-        if bad != 0:
-            return LEAF_FAILS, bad
-    return FINE, 0
 
 
 @kernel(inline=True)
@@ -56,33 +30,18 @@ def write_residual(tape: Tape, buffers: Buffers, root: int, form: int, r: int, o
 
 @kernel(inline=True)
 def write_row(
-    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, root: int, y: Array, given: Array, reference: Array,
-    line: Array,
-) -> int:  # fmt: skip
-    """Write W (nv,) of a root: the sum of its derivatives by leaves times their rows; return 0, or code + 3 k of quantity k."""
-    gradient(tape, buffers, root, False)
-    for j in range(line.shape[0]):
-        line[j] = 0.0
-    for j in range(tape.entering_ends[root, 0], tape.entering_ends[root, 1]):
+    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, r: int, y: Array, given: Array, reference: Array, row: Array
+) -> int:
+    """Write W (nv,) of row r: the sum of its derivatives by leaves times their rows; return 0, or code + 3 k of quantity k."""
+    gradient(tape, buffers, r, False)
+    for j in range(row.shape[0]):
+        row[j] = 0.0
+    for j in range(tape.entering_ends[r, 0], tape.entering_ends[r, 1]):
         k = tape.entering[j]
-        code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], line)
+        code = add_row(quantities, tape.leaf[k, 1], tree, y, given, reference, buffers.adjoint[k], row)
         if code != FINE:
             return code + 3 * tape.leaf[k, 1]
     return 0
-
-
-@kernel
-def evaluate_laws(
-    tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, t: float, y: Array, given: Array, reference: Array,
-    parameters: Array, signals: Array, measured: Array, out: Array,
-) -> tuple[int, int]:  # fmt: skip
-    """Write the values of all roots into `out` (roots,), after `prepare`; return a code and its place as `evaluate_rows` does."""
-    bad = measure_these(quantities, tape.used, tree, y, given, reference, measured)
-    if bad != 0:
-        return QUANTITY_FAILS, bad
-    read_leaves(tape, t, parameters, measured, signals, buffers.slots)
-    bad = values(tape, buffers, out)
-    return (ROW_FAILS, bad - 1) if bad != 0 else (FINE, 0)
 
 
 @kernel

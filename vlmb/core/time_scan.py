@@ -21,7 +21,6 @@ from vlmb.core.tape import play_jets, play_values
 PIECES = 256  # of the run, for the range of each slot
 SMALLEST = 1e-9  # of the run: features narrower than this are not found
 MOST = 200_000  # intervals looked at
-DEPTH = 64
 FULL, TOO_MANY = -1, -2  # codes of `find_breaks`
 
 

@@ -1,10 +1,10 @@
-"""What a trajectory hands out by name: mappings that compute at the first look, residuals, samples."""
+"""What a trajectory hands out by name: mappings that compute at the first look, and residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +31,6 @@ class Residual:
         error = "" if self.position is None else f"up to {largest(self.position):.3g}, "
         of = f" of {self.equation!r}" if self.equation else ""
         return f"<Residual{of}: {len(self.velocity)} samples, {error}its rate up to {largest(self.velocity):.3g}>"
-
-
-class Sample(NamedTuple):
-    """An instant of a run: what was accepted there, the forces that the control gave, and the branch that angles were read on."""
-
-    t: float
-    q: Array
-    v: Array
-    work: Array
-    inputs: Array
-    branch: Array
 
 
 class Named(Mapping[str, Value]):

@@ -94,14 +94,13 @@ def simulate(
         mechanism = begun_at(mechanism, start)
     system = make_system(mechanism, run)
     begin = consistent_start(system, t0)
-    branch = [begin.coordinates[name] for name in mechanism.layout.names]
     if control is not None:
-        first = StateView(mechanism, t0, mechanism.postures(begin.state), branch, begin.state)
+        first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
     breaks = _breaks(system, t0, t0 + run.duration)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
-        mover = make_engine(system, branch, control)
+        mover = make_engine(system, begin.branch, control)
         y = mover.pack(begin.state)
         said = jumps(start, begin) if isinstance(start, End) else []
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
@@ -187,13 +186,12 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     mechanism = build(scene)
     system = make_system(mechanism)
     start = consistent_start(system)
-    branch = [start.coordinates[name] for name in mechanism.layout.names]
     _breaks(system, 0.0, scene.run.duration)
-    engine = make_engine(system, branch)
+    engine = make_engine(system, start.branch)
     engine.evaluate(0.0, engine.pack(start.state))
     if not fits(mechanism.model.nv):
         return Checked(mechanism, start)
-    workspace = system.workspace(branch=branch)
+    workspace = system.workspace(branch=start.branch)
     if workspace.diagnostics.conditioning(start.state.q)[0] > SINGULAR:
         raise workspace.diagnostics.singular(start.state.q)
     notes = [_engines_agree(system, engine, workspace, start)] if isinstance(engine, CoreEngine) else []

@@ -8,13 +8,12 @@ from collections.abc import Container, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.run import ON_POLE, TURN
 from vlmb.model.coordinates import read_angles
 from vlmb.system.frames import LinkFrames
 
 Array = NDArray[np.float64]
 
-TURN = 0.5  # [rad] an azimuth turns no further between two branches
-ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
 TINY = 1e-300
 
 

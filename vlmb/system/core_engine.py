@@ -12,7 +12,6 @@ from vlmb.core.march import march
 from vlmb.core.plant import FROM_SIDE, SOURCES, evaluate, make_memory, onto_edge
 from vlmb.core.row_arrays import PROJECTION
 from vlmb.core.run import accept, indicate, longest_step, run
-from vlmb.core.springs import line_ups
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
@@ -103,9 +102,7 @@ class CoreEngine:
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
-        line_ups(self.plan.plant.springs, self.plan.plant.tree, y, self.memory.lines)
-        names = [spring.name for spring in self.plan.springs]
-        return float(self.memory.lines[names.index(event.name), 0])
+        return self.plan.in_line(event, self.memory, y)
 
     def why(self, t: float, y: Array) -> str:
         """Add what the programme says about a place where a run failed; the core's codes name all else that is singular."""

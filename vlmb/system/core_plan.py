@@ -17,7 +17,7 @@ from vlmb.core import springs as core_springs
 from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
-from vlmb.core.springs import AngleSprings
+from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
@@ -35,7 +35,6 @@ from vlmb.system.programme import ProgrammePlan
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
-
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +84,12 @@ class CorePlan:
             if layout.plane and min(spring.first, spring.second) >= 0:
                 found[k] = coordinates[layout.place("psi", spring.second)] - coordinates[layout.place("psi", spring.first)]
         return found
+
+    def in_line(self, event: Event, memory: Memory, y: Array) -> float:
+        """Return the sine of the angle between the two directions of the spring whose line-up an event is, at a core's state."""
+        line_ups(self.plant.springs, self.plant.tree, y, memory.lines)
+        names = [spring.name for spring in self.springs]
+        return float(memory.lines[names.index(event.name), 0])
 
     def given_at(self, memory: Memory, t: Array) -> Array:
         """Return the lengths (N, n, 6) that are not free, with two derivatives, at times t (N,)."""

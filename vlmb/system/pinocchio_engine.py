@@ -12,7 +12,6 @@ from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, 
 from vlmb.core.march import march
 from vlmb.core.plant import make_memory
 from vlmb.core.run import indicate, longest_step
-from vlmb.core.springs import line_ups
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.core_reading import CoreReading
@@ -97,10 +96,7 @@ class PinocchioEngine:
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
-        springs = self.watch.plant.springs
-        line_ups(springs, self.watch.plant.tree, self._core_state(y), self.memory.lines)
-        names = [spring.name for spring in self.watch.springs]
-        return float(self.memory.lines[names.index(event.name), 0])
+        return self.watch.in_line(event, self.memory, self._core_state(y))
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""

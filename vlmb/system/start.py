@@ -29,6 +29,11 @@ class Start(NamedTuple):
     rank: int  # of the ideal constraints, on what may move
     followed: frozenset[str] = frozenset()  # coordinates that follow a law of time
 
+    @property
+    def branch(self) -> list[float]:
+        """The coordinates (N,) in their order: near them angles are read."""
+        return list(self.coordinates.values())
+
     def __repr__(self) -> str:
         values = [f"{name} = {value:.6g}" for name, value in {**self.coordinates, **self.rates}.items() if value]
         return f"<Start: {listed(values) or 'all 0'}; {counted(len(self.adjustments), 'adjustment')}>"

@@ -243,10 +243,6 @@ class Workspace:
     def branch(self, values: Sequence[float]) -> None:
         self._branch[:] = values
 
-    def forget(self) -> None:
-        """Count right-hand sides from zero again."""
-        self._calls[0] = 0
-
     def pack(self, state: State) -> Array:
         """Return y = (q, v, 0) for a state, with no sideways velocity where the knife edge is reduced."""
         y = np.concatenate([state.q, state.v, np.zeros(len(self.work_names))])

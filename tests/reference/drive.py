@@ -20,7 +20,6 @@ from vlmb.core.driver import (
     INDICATE,
     NEXT_SAMPLE,
     RATE,
-    REJECTIONS,
     STEPS,
     STOP,
     STOP_TIME,
@@ -62,11 +61,6 @@ class Drive:
     def steps(self) -> int:
         """Accepted steps."""
         return int(self.driver.counts[STEPS])
-
-    @property
-    def rejections(self) -> int:
-        """Steps that were tried in vain."""
-        return int(self.driver.counts[REJECTIONS])
 
 
 def drive(
