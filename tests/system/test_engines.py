@@ -11,6 +11,7 @@ import pytest
 
 import vlmb
 from tests.small_scenes import ANY_LENGTH, FLYING, PIVOT, SKI, random_state, scene
+from vlmb.core import tree as columns
 from vlmb.model.coordinates import kinematics
 from vlmb.model.names import generalized_forces
 from vlmb.system.core_plan import CorePlan
@@ -76,7 +77,9 @@ def in_the_core(plan: CorePlan, q: np.ndarray, v: np.ndarray, vdot: np.ndarray) 
     layout, moving = plan.arrays.layout, kinematics(plan.arrays.layout, q, v)
     found = np.zeros(plan.velocities)
     if layout.base == "ski":
-        found[:2] = vdot[[0, 2]]
+        slipping = plan.arrays.tree.shape[columns.BASE_KIND] != columns.SKI
+        own = [0, 1, 2] if slipping else [0, 2]  # ahead, sideways, yaw
+        found[: len(own)] = vdot[own]
     elif layout.base == "free":
         found[[0, 2] if layout.plane else [0, 1, 2]] = vdot[: layout.base_size]
     turns = {-1: np.array([0.0, 0.0, vdot[2] if layout.base == "ski" else 0.0])}

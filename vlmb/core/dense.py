@@ -138,15 +138,25 @@ def solve_lower(a: Array, count: int, sizes: Array, x: Array) -> None:
 
 
 @kernel
-def pivots_hold(pivots: Array, count: int, rank: float, smallest: float) -> bool:
-    """Tell whether the least pivot is above `rank` times the largest, and times `smallest`."""
-    low, high = abs(pivots[0]), abs(pivots[0])
+def largest_entry(a: Array, rows: int, columns: int) -> float:
+    """Return the largest absolute value in a matrix."""
+    largest = 0.0
+    for i in range(rows):
+        for j in range(columns):
+            largest = max(largest, abs(a[i, j]))
+    return largest
+
+
+@kernel
+def pivots_hold(pivots: Array, count: int, bound: float) -> bool:
+    """Tell whether all pivots are finite and larger than a bound.
+
+    The bound is of the size of the matrix: pivots of a column of zeros may be zeros all, and of one size.
+    """
+    held = True
     for k in range(count):
-        size = abs(pivots[k])
-        if not finite(size):
-            return False
-        low, high = min(low, size), max(high, size)
-    return low > rank * max(high, smallest)
+        held = held and finite(pivots[k]) and abs(pivots[k]) > bound
+    return held
 
 
 # Of any rank

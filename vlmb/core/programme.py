@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vlmb.core.dense import (
     eliminate,
+    largest_entry,
     least_squares,
     pivots_hold,
     reflect,
@@ -53,6 +54,7 @@ def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool
     """Solve G u = beta for the least u; False where pivots show rows that repeat each other. Notes the sign of det G."""
     a, pivots, state = space.first, space.second[0], space.state
     copy(space.matrix, rows, controls, a)
+    bound = RANK * max(largest_entry(a, rows, controls), SMALLEST)
     for k in range(controls):
         u[k] = beta[k] if k < rows else 0.0
     state[SIDE] = 0.0
@@ -60,13 +62,13 @@ def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool
         side = eliminate(a, rows, u)
         for k in range(rows):
             pivots[k] = a[k, k]
-        if not pivots_hold(pivots, rows, RANK, SMALLEST):
+        if not pivots_hold(pivots, rows, bound):
             return False
         state[SIDE] = side
         solve_upper(a, rows, u)
         return True
     reflect(a, rows, rows, controls, pivots)
-    if not pivots_hold(pivots, rows, RANK, SMALLEST):
+    if not pivots_hold(pivots, rows, bound):
         return False
     solve_lower(a, rows, pivots, u)
     reflect_back(a, rows, controls, u)

@@ -226,8 +226,8 @@ def _least(g: Array, beta: Array) -> Array | None:
         factor, _, answer, info = lapack.dgesv(g, beta)
     else:
         factor, answer, info = lapack.dgels(g, np.concatenate([beta, np.zeros(controls - rows)]))
-    pivots = sorted(map(abs, factor.diagonal().tolist()))
-    return None if info or not pivots[0] > RANK * max(pivots[-1], SMALLEST) else answer
+    least = min(map(abs, factor.diagonal().tolist()))
+    return None if info or not least > RANK * max(float(np.abs(g).max()), SMALLEST) else answer
 
 
 def _spread(h: Array, holonomic: NDArray[np.bool_]) -> Array:
