@@ -232,6 +232,14 @@ def test_the_energy_of_a_closed_loop_stays() -> None:
     assert max(np.abs(run.residuals[name].position).max() for name in ("s3.tip.x = 0.8", "s3.tip.z = 0.1")) < 1e-8
 
 
+def test_a_run_breaks_where_a_row_or_the_free_control_switches() -> None:
+    rows = programme(["psi1_dot = where(t < 0.3, 0.1, 0.4)"], ["M_psi1", "F1_1"], u0="2e-4*step(t - 0.7)")
+    made = scene(PIVOT, THREE[:1], constraints=["phi1 = 0.2*abs(t - 0.5)"], programme=rows)
+    system = make_system(vlmb.build(made))
+    assert sorted(system.breaks(0.0, 1.0)) == pytest.approx([0.3, 0.5, 0.7], abs=1e-9)
+    assert system.breaks(0.8, 1.0) == set()
+
+
 # Words ------------------------------------------------------------------------------------------------------------------
 
 SILENT = {

@@ -43,9 +43,11 @@ from vlmb.core.row_arrays import SIDE_BEFORE, sizes_of, view
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
+from vlmb.core.triples import Vector
 
 TURN = 0.5  # [rad] an azimuth turns no further within a step
 ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
+NEAR_POLE = 3e-3  # [rad] so near its way to the pole is straight to within ON_POLE
 BEGIN, END, LONGEST = range(3)  # columns of `bounds`
 
 
@@ -121,9 +123,20 @@ def longest_step_here(plant: Plant, bounds: Array, h_max: float, t: float, y: Ar
             d, u, _ = link_direction(plant.tree, y, plant.quantities.kind[k, LINK])
             speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
             off_pole = max(math.hypot(d[0], d[1]), ON_POLE)
-            if speed * longest > TURN * off_pole:
+            if speed * longest > TURN * off_pole and not meets_pole(d, u):
                 longest = TURN * off_pole / speed
     return longest
+
+
+@kernel(inline=True)
+def meets_pole(d: Vector, u: Vector) -> bool:
+    """Tell whether a direction near a pole is on its way through it.
+
+    Its azimuth stays, and short steps there would only take up what is lost of it: an error of the direction over its distance.
+    """
+    off_pole, flat_speed = math.hypot(d[0], d[1]), math.hypot(u[0], u[1])
+    inwards = d[0] * u[0] + d[1] * u[1] < 0.0
+    return inwards and off_pole < NEAR_POLE and abs(d[0] * u[1] - d[1] * u[0]) < 2.0 * ON_POLE * flat_speed
 
 
 @kernel

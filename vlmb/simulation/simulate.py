@@ -278,9 +278,9 @@ def _sample_times(run: Run, t_eval: Sequence[float] | Array | None, t0: float) -
 
 
 def _breaks(system: System, t0: float, end: float) -> tuple[float, ...]:
-    """Times in (t0, end) at which a law is not smooth; SceneError where a prescribed length jumps, or leaves its limits."""
+    """Times in (t0, end) at which a law or a row is not smooth; SceneError where a given length jumps, or leaves its limits."""
     mechanism = system.mechanism
-    breaks = set(system.forces.breaks(t0, end))
+    breaks = system.breaks(t0, end)
     coordinates = {c.name: c for c in mechanism.layout.coordinates}
     for at in system.prescribed:
         for t in law_breaks(at.law, t0, end):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vlmb.core.joints import rows_of_joints
 from vlmb.errors import SceneError, SimulationError, VlmbError
 from vlmb.model.forms import RowFacts
+from vlmb.model.laws import tape_breaks
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import allowed_names
@@ -93,6 +94,10 @@ class ConstraintSet:
                 raise failure
         z, rate, drift = out[:, chosen]
         return RowValues(z, rate, jacobian[chosen], drift)
+
+    def breaks(self, start: float, end: float) -> tuple[float, ...]:
+        """Return the times in (start, end) where an equation switches in time. Raises SceneError for too many."""
+        return tape_breaks(self.readings.compiled, self.readings.parameters, start, end, ", ".join(self.texts))
 
     def failure(
         self, buffers: Array, out: Array, jacobian: Array, rows: Sequence[int] | None = None, columns: Array | None = None

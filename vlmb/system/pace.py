@@ -45,5 +45,7 @@ def _of_scene(scene: Scene) -> list[Expression | Equation]:
     ]
     lengths = [segment for link in scene.links for segment in (link.lower, link.upper)]
     found += [parse(segment.law, "law") for segment in lengths if segment.law is not None]
+    if scene.programme is not None and scene.programme.u0 is not None:
+        found.append(parse(scene.programme.u0, "programme.u0"))
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]

@@ -198,7 +198,7 @@ def out_of_reach(plan: ProgrammePlan, g: Array, beta: Array) -> SingularError:
     g = np.where(np.abs(g) < RANK * SMALLEST, 0.0, g)
     answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
     error = np.abs(g @ answer - beta)
-    rows = [repr(plan.texts[k]) for k in np.argsort(-error)[:3] if error[k] > 0.1 * error.max()]
+    rows = [repr(plan.texts[k]) for k in sorted(np.argsort(-error)[:3]) if error[k] > 0.1 * error.max()]
     return SingularError(
         f"programme: {', '.join(rows)} cannot be met here by {', '.join(plan.names)} (rank {rank} of {len(beta)} "
         f"rows, smallest singular value {singular[-1]:.1e}; {weak_rows(plan, g)}): add a control that moves it, or drop a row "

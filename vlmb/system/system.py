@@ -15,6 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
+from vlmb.model.laws import law_breaks
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.names import listed
@@ -166,6 +167,13 @@ class System:
         names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters}
         read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.laws)) for name in group - own]
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
+
+    def breaks(self, start: float, end: float) -> set[float]:
+        """Return the times in (start, end) where a force's law, an equation or u0 switches. Raises SceneError for too many."""
+        found = {*self.forces.breaks(start, end), *(self.constraints.breaks(start, end) if self.constraints else ())}
+        if self.programme is not None and self.programme.free is not None:
+            found |= {*law_breaks(self.programme.free, start, end)}
+        return found
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
