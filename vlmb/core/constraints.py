@@ -36,7 +36,7 @@ KIND = 1 << 36  # a code is kind * KIND + bits; what is beyond the bits is left 
 MOST = 35
 
 
-@kernel
+@kernel(copied=True)
 def constrain(
     rows: Rows, memory: RowMemory, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array, given: Array,
     reference: Array, scratch: Scratch, dy: Array,

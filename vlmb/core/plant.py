@@ -99,7 +99,7 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     return evaluate_here(plant, memory, t, y, dy)
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def evaluate_here(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
     """Evaluate within a kernel: every array costs a nanosecond or two to hand over, and a plant has fifty."""
     held = plant.rows.table.shape[0] > 0
@@ -193,7 +193,7 @@ def onto_edge(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> in
     return code
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Add what rows and controls bring to the accelerations, and to the forces that driven lengths take; return a code."""
     rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
