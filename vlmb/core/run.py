@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vlmb.core import tree as of
-from vlmb.core.driver import EVALUATE, FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import AT_START, EVALUATE, FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, PHASE, RATE, TIME, VALUE, Driver
 from vlmb.core.jit import kernel
 from vlmb.core.march import march
 from vlmb.core.places import link_direction
@@ -40,6 +40,8 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
     bounds (count, 3): from begin to end [s], in order, no step is longer than the third; h_max [s] holds everywhere.
     """
     answers, real, code = driver.counts, driver.real, EVALUATE
+    if answers[PHASE] == AT_START:
+        accept_here(plant, memory, driver.point)
     while code in (EVALUATE, INDICATE):
         code = march(driver)
         if memory.branches.shape[0] > 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
@@ -13,17 +14,22 @@ from numpy.typing import NDArray
 from vlmb.core.driver import (
     ANSWER,
     AT_START,
+    ATOL,
     CROSSING,
     DIVERGED,
     DONE,
+    END,
     EVALUATIONS,
     FAILED,
     GO_ON,
     HIT,
     NEXT_SAMPLE,
+    NOISY,
     NOT_FINITE,
     OVER,
+    PACE,
     PHASE,
+    RTOL,
     SLICE,
     SLICE_SIZE,
     STEPS,
@@ -55,6 +61,11 @@ SAME = 1e-9  # [s] two switches of one law within this time, many times over, dr
 TOO_MANY = 40
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
 STUCK_TEXT = "the steps became too small to go on: the motion is too stiff, or singular, here"
+NOISY_TEXT = (
+    "the steps became too small to go on: the tolerance is below the noise of the accelerations here, as where masses are nearly "
+    "singular or equations nearly dependent"
+)
+ENOUGH, LOOSE = 1e5, 1e-2  # trials that a run may well take; a relative tolerance that is no advice
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
 
@@ -83,10 +94,6 @@ class Engine(Protocol):
 
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer."""
-        ...
-
-    def accept(self, t: float, y: Array) -> None:
-        """Take a state as the one near which angles are read."""
         ...
 
     def indicators(self, t: float, y: Array) -> Array:
@@ -138,12 +145,12 @@ class Loop:
             slice_size=engine.first_slice,
         )  # fmt: skip
         self.driver.point[:] = y
-        ends = [event.ends for event in engine.events]
-        self.driver.indicators[ZERO, ends] = self.driver.indicators[ZERO_RATE, ends] = UNDER
+        for k, event in enumerate(engine.events):
+            if event.ends:
+                self.driver.indicators[ZERO, k] = self.driver.indicators[ZERO_RATE, k] = UNDER
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
-        self.stop = Event(SWITCH, 0.0, "", "")  # what stopped the last step
         self.told = start  # time that progress was told last
         self.kept = len(times)  # samples, at most
         self._refuse_start()
@@ -179,9 +186,6 @@ class Loop:
     def run(self) -> tuple[str, str]:
         """Go to the last sample; return a status and a sentence. What user code raises goes through."""
         try:
-            sentence = self._at_start()
-            if sentence is not None:
-                return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
                 sentence = self._stretch(end)
                 if sentence is not None:
@@ -202,7 +206,6 @@ class Loop:
         """Go to a break, or the end; return a sentence if an event ends the run before."""
         inside = self.t if self.t in (self.start, end) or not self.breaks else self.t + INSIDE * abs(self.t)
         until = end if end == self.last else end - INSIDE * abs(end)
-        self.engine.accept(self.t, self.driver.point)
         begin(self.driver, min(inside, until), until)
         while True:
             code = self._slice()
@@ -218,7 +221,6 @@ class Loop:
                 sentence = self._after_stop()
                 if sentence is not None:
                     return sentence
-                self.engine.accept(self.t, self.driver.point)
                 resume(self.driver, self.t, until)
             elif code != SLICE:
                 self._note_time()
@@ -267,7 +269,6 @@ class Loop:
             if self._counts(crossing):
                 driver.indicators[HIT, crossing.indicator] = crossing.direction
                 driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
-                self.stop = self.engine.events[crossing.indicator]
                 return
 
     def _counts(self, crossing: Crossing) -> bool:
@@ -289,7 +290,7 @@ class Loop:
 
     def _after_stop(self) -> str | None:
         """Return the sentence of an event that ends the run; a switch only begins a new step."""
-        event = self.stop
+        event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
@@ -301,15 +302,6 @@ class Loop:
             )
         self._end_here()
         return event.sentence
-
-    def _at_start(self) -> str | None:
-        """Return the sentence of a limit, or of the snow, that the motion starts on and leaves the wrong way."""
-        values, rates = self.engine.indicators(self.t, self.driver.point) if self.engine.events else ((), ())
-        for event, value, rate in zip(self.engine.events, values, rates, strict=True):
-            if event.ends and abs(value) <= UNDER and rate < -UNDER:
-                self._end_here()
-                return event.sentence
-        return None
 
     def _end_here(self) -> None:
         """Keep the instant at which an event ends the run."""
@@ -327,7 +319,17 @@ class Loop:
             return SimulationError(
                 "the stages of the Gauss method do not converge: the step is too large for this motion; reduce it"
             )
+        if code == NOISY:
+            return SimulationError(self._noisy())
         return SimulationError(STUCK_TEXT if code != FAILED else "an evaluation has no answer here")
+
+    def _noisy(self) -> str:
+        """Return the sentence of a run that noise slowed down, with a tolerance at which it should take some ENOUGH trials."""
+        rtol, atol, t, end, pace = (float(self.driver.real[k]) for k in (RTOL, ATOL, TIME_BEFORE, END, PACE))
+        trials = (end - t) / pace if pace > 0.0 else math.inf
+        wider = 10.0 ** math.ceil(math.log10(trials / ENOUGH)) if trials < 1e30 else math.inf
+        advice = f"; rtol = {wider * rtol:.0e} and atol = {wider * atol:.0e} are above it" if wider * rtol < LOOSE else ""
+        return NOISY_TEXT + advice
 
     def _note_time(self) -> None:
         """Note the time reached: of the last accepted state, or of the stop or the end within its step."""

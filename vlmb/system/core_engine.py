@@ -8,7 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import tree as faults
-from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import (
+    AT_START,
+    EVALUATE,
+    FAILURE,
+    FIRST_FAILURE,
+    H_MAX,
+    INDICATE,
+    NEXT_SAMPLE,
+    PHASE,
+    RATE,
+    TIME,
+    VALUE,
+    Driver,
+)
 from vlmb.core.march import march
 from vlmb.core.plant import FROM_FORCE, FROM_LAW, FROM_LINKS, FROM_QUANTITY, FROM_SPRING, SOURCES, evaluate, make_memory
 from vlmb.core.run import accept, indicate, longest_step, run
@@ -197,6 +210,8 @@ class CoreEngine:
     def _run_controlled(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """The same as the compiled run, with the control asked at every evaluation and once for every sample."""
         plant, memory, counts, real = self.plan.plant, self.memory, driver.counts, driver.real
+        if counts[PHASE] == AT_START:
+            self.accept(float(real[TIME]), driver.point)
         while True:
             code = march(driver)
             self._take_samples(driver)
