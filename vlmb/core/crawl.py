@@ -40,7 +40,7 @@ from vlmb.core.jit import kernel
 ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way from start to end
 TOGETHER, TOO_MANY = 500, 1e6  # trials over which the pace is taken; trials to the end from which on noise is looked for
 LAST_DIGIT = 1.0 / 2**52
-LOUD, STIFF = 0.1, 100.0  # a noisy f: its change times the step, over the tolerance; digits that a stiff one may change by then
+LOUD, STIFF = 0.01, 50.0  # a noisy f: its change times the step, over the tolerance; digits that a stiff one may change by then
 FADING, TOO_LOUD = 0.8, 2.0  # noise heard before counts that much less; what stops a run
 
 

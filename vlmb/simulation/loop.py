@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
@@ -14,22 +13,14 @@ from numpy.typing import NDArray
 from vlmb.core.driver import (
     ANSWER,
     AT_START,
-    ATOL,
     CROSSING,
-    DIVERGED,
     DONE,
-    END,
     EVALUATIONS,
-    FAILED,
     GO_ON,
     HIT,
     NEXT_SAMPLE,
-    NOISY,
-    NOT_FINITE,
     OVER,
-    PACE,
     PHASE,
-    RTOL,
     SLICE,
     SLICE_SIZE,
     STEPS,
@@ -51,6 +42,7 @@ from vlmb.core.samples import state_at
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.methods import find_method
+from vlmb.simulation.stuck import why_stuck
 from vlmb.system.events import FALL, LINE_UP, SWITCH, Event
 
 Array = NDArray[np.float64]
@@ -60,12 +52,6 @@ IN_LINE = 1e-6  # sine of an angle below which two directions line up
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
-STUCK_TEXT = "the steps became too small to go on: the motion is too stiff, or singular, here"
-NOISY_TEXT = (
-    "the steps became too small to go on: the tolerance is below the noise of the accelerations here, as where masses are nearly "
-    "singular or equations nearly dependent"
-)
-ENOUGH, LOOSE = 1e5, 1e-2  # trials that a run may well take; a relative tolerance that is no advice
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
 
@@ -310,26 +296,7 @@ class Loop:
 
     def _failure(self, code: int) -> VlmbError:
         error = self.engine.failure(self.driver)
-        if error is not None:
-            return error
-        if code == NOT_FINITE:
-            fixed = "the step is too large for this motion; reduce `step`"
-            return SimulationError(f"the state is no longer finite{'' if self.method.adaptive else ': ' + fixed}")
-        if code == DIVERGED:
-            return SimulationError(
-                "the stages of the Gauss method do not converge: the step is too large for this motion; reduce it"
-            )
-        if code == NOISY:
-            return SimulationError(self._noisy())
-        return SimulationError(STUCK_TEXT if code != FAILED else "an evaluation has no answer here")
-
-    def _noisy(self) -> str:
-        """Return the sentence of a run that noise slowed down, with a tolerance at which it should take some ENOUGH trials."""
-        rtol, atol, t, end, pace = (float(self.driver.real[k]) for k in (RTOL, ATOL, TIME_BEFORE, END, PACE))
-        trials = (end - t) / pace if pace > 0.0 else math.inf
-        wider = 10.0 ** math.ceil(math.log10(trials / ENOUGH)) if trials < 1e30 else math.inf
-        advice = f"; rtol = {wider * rtol:.0e} and atol = {wider * atol:.0e} are above it" if wider * rtol < LOOSE else ""
-        return NOISY_TEXT + advice
+        return SimulationError(why_stuck(code, self.driver, self.method.adaptive)) if error is None else error
 
     def _note_time(self) -> None:
         """Note the time reached: of the last accepted state, or of the stop or the end within its step."""
