@@ -16,6 +16,7 @@ from vlmb.core.driver import (
     HIT,
     INDICATE,
     NEXT_SAMPLE,
+    NOISY,
     NOT_FINITE,
     RATE,
     SLICE,
@@ -246,6 +247,33 @@ def test_not_finite(method, wrong):
 def test_a_pole_is_no_endless_run(method):
     run = drive(lambda t, y: y * y, 0.0, np.ones(1), 2.0, method, rtol=1e-6, atol=1e-6)
     assert run.code == STUCK and abs(run.t - 1.0) < 1e-3 and run.evaluations < 50_000
+
+
+@pytest.mark.parametrize("method", ["adams", "dop853"])
+def test_steps_that_noise_keeps_short_end_the_run_early(method):
+    random = np.random.default_rng(1)
+    for rtol, code in ((1e-6, DONE), (1e-12, NOISY)):
+        run = drive(lambda t, y: 1e-6 * random.standard_normal(2) - y, 0.0, np.ones(2), 2.0, method, rtol=rtol, atol=0.1 * rtol)
+        assert run.code == code
+        assert run.evaluations < (4000 if code == DONE else 120_000)
+        assert abs(run.y[0] - np.exp(-run.t)) < 1e-5
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("adams", 1e-6), ("adams", 3e-14), ("dop853", 1e-6), ("dop853", 3e-14)])
+def test_stiffness_is_no_noise(method, rtol):
+    class EnoughError(Exception):
+        pass
+
+    asked = []
+
+    def f(t, y):
+        asked.append(t)
+        if len(asked) > 30_000:
+            raise EnoughError
+        return -1e6 * (y - np.cos(t)) - np.sin(t)
+
+    with pytest.raises(EnoughError):
+        drive(f, 0.0, np.ones(1), 50.0, method, rtol=rtol, atol=0.1 * rtol)
 
 
 @pytest.mark.parametrize("method", ALL)

@@ -61,7 +61,10 @@ def test_order_of_fixed_step_methods(method: str, name: str, engine: str) -> Non
 @pytest.mark.parametrize("name", SMOOTH)
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_tolerances_are_kept(method: str, name: str, engine: str) -> None:
-    """Errors fall with rtol, by at least half a decade for each decade, and stay within a fair multiple of it."""
+    """Errors fall with rtol, by at least half a decade for each decade, and stay within a fair multiple of it.
+
+    A coarse run may be better than asked by chance: from then on they fall from what was asked.
+    """
     made, seconds = SMOOTH[name], 0.3
     exact = state_at_end(made, seconds, method="dop853", rtol=1e-13, atol=1e-13)
     tolerances = (1e-4, 1e-6, 1e-8) if method in ("bdf", "radau") else (1e-4, 1e-7, 1e-10)
@@ -70,7 +73,7 @@ def test_tolerances_are_kept(method: str, name: str, engine: str) -> None:
     for tolerance, error in zip(tolerances, errors, strict=True):
         assert error < 5e3 * tolerance
     decades = math.log10(tolerances[0] / tolerances[-1])
-    assert math.log10(errors[0] / errors[-1]) > 0.5 * decades
+    assert math.log10(max(errors[0], tolerances[0]) / errors[-1]) > 0.5 * decades
 
 
 def test_methods_know_what_they_are() -> None:

@@ -922,3 +922,20 @@ def test_steps_far_too_long_end_with_a_sentence(method: str, step: float, knife_
     run = vlmb.simulate(stiff, 1.0, method, knife_edge=knife_edge, step=step, gain=1.0, t_eval=np.linspace(0.0, 1.0, 61))
     assert run.status in ("stopped", "failed") and run.message
     assert (np.diff(run.t) > 0.0).all() and np.isfinite(run.q).all() and np.isfinite(run.v).all()
+
+
+@pytest.mark.parametrize("method", ["adams", "dop853", "radau"])
+def test_a_tolerance_below_the_noise_of_nearly_dependent_rows_is_named(method: str) -> None:
+    springs = {
+        at: {"length": length, "stiffness": 4e3, "limits": [-np.inf, np.inf]} for at, length in (("lower", 0.3), ("upper", 0.2))
+    }
+    given = {
+        "base": {"kind": "pivot"},
+        "links": [{"rod": {"length": 0.5, "mass": 20.0}, "tip_mass": 10.0, **springs}],
+        "constraints": ["psi1 = 1.2", "psi1 + 1e-05*(xi1_1 - 0.3) = 1.2"],
+        "start": {"psi1": 1.2, "phi1_dot": 1.0, "xi1_1": 0.3},
+    }
+    way = vlmb.simulate(given, 0.5, method, 1e-12, atol=1e-13, engine="pinocchio")
+    assert way.status == "failed" and "below the noise of the accelerations" in way.message
+    advised = float(way.message.split("rtol = ")[1].split()[0])
+    assert 1e-11 < advised < 1e-7 and way.stats["steps"] < 20_000

@@ -42,11 +42,12 @@ from vlmb.core.driver import (
     H,
     Y,
 )
-from vlmb.core.first_step import is_finite, scaled_norm
+from vlmb.core.first_step import is_finite
 from vlmb.core.jit import kernel
 
 PHI = OWN  # rows PHI + i, i = 1 ... k + 2
 PREDICTED = OWN + 16  # rows of the same differences at the new time, by the predictor
+SCALE = OWN + 30  # row of 1 / (atol + rtol |y|) at the start of the step
 ALPHA, BETA, SIGMA, G, W, PSI, NEW_PSI = range(7)  # rows of the table, columns from 1
 G_INSIDE, W_INSIDE = 7, 8  # for the interpolation
 PREDICTION, CORRECTION = 0, 1  # which slope is asked for
@@ -65,7 +66,8 @@ def _begin(driver: Driver) -> int:
         count[EQUAL_STEPS] = min(count[EQUAL_STEPS], count[LAST_ORDER]) + 1
     else:
         count[EQUAL_STEPS] = 1
-    _make_coefficients(driver.table, real[H], count[ORDER])
+    if not (count[ORDER] == count[LAST_ORDER] and count[EQUAL_STEPS] > count[ORDER]):  # else they are those of the last step
+        _make_coefficients(driver.table, real[H], count[ORDER])
     _predict(driver, count[ORDER])
     return _ask_new(driver, PREDICTION)
 
@@ -116,7 +118,9 @@ def _make_coefficients(table: Array, h: float, k: int) -> None:
 def _predict(driver: Driver, k: int) -> None:
     """y1 = y0 + h sum g_i beta_i phi_i; the i-th difference at the new time is the sum of all beta phi from i on."""
     rows, table, h = driver.rows, driver.table, driver.real[H]
+    rtol, atol = driver.real[RTOL], driver.real[ATOL]
     for j in range(driver.point.shape[0]):
+        rows[SCALE, j] = 1.0 / (atol + rtol * abs(rows[Y, j]))
         rows[Y_NEW, j] = rows[Y, j]
         rows[PREDICTED + k + 1, j] = 0.0
     for i in range(k, 0, -1):
@@ -148,9 +152,9 @@ def _correct(driver: Driver) -> int:
     """y1 + h g_(k+1) (f - predicted f), if the error h (g_k - g_(k+1)) |f - predicted f| is below the tolerance."""
     count, real, rows, table = driver.counts, driver.real, driver.rows, driver.table
     k, h = count[ORDER], real[H]
-    miss = _norm(driver, 0, driver.slope)
-    lower = h * table[SIGMA, k] * ERROR_CONSTANTS[k - 1] * _norm(driver, k, driver.slope) if k > 1 else 0.0
-    lowest = h * table[SIGMA, k - 1] * ERROR_CONSTANTS[k - 2] * _norm(driver, k - 1, driver.slope) if k > 2 else 0.0
+    miss, lower, lowest = _norms(rows, driver.slope, k)
+    lower = h * table[SIGMA, k] * ERROR_CONSTANTS[k - 1] * lower if k > 1 else 0.0
+    lowest = h * table[SIGMA, k - 1] * ERROR_CONSTANTS[k - 2] * lowest if k > 2 else 0.0
     error = h * miss * table[SIGMA, k + 1] * ERROR_CONSTANTS[k]
     lowers = max(lower, lowest) <= error if k > 2 else (k == 2 and lower <= 0.5 * error)
     count[NEXT_ORDER] = k - 1 if lowers else k
@@ -165,14 +169,16 @@ def _correct(driver: Driver) -> int:
 
 
 @kernel
-def _norm(driver: Driver, i: int, slope: Array) -> float:
-    """Norm of the predicted i-th difference (none for 0) plus what f differs from its prediction."""
-    rows, rtol, atol = driver.rows, driver.real[RTOL], driver.real[ATOL]
-    total, n = 0.0, slope.shape[0]
-    for j in range(n):
-        miss = slope[j] - rows[PREDICTED + 1, j] + (rows[PREDICTED + i, j] if i > 0 else 0.0)
-        total += (miss / (atol + rtol * abs(rows[Y, j]))) ** 2
-    return math.sqrt(total / n)
+def _norms(rows: Array, slope: Array, k: int) -> tuple[float, float, float]:
+    """Norms of what f differs from its prediction, alone and with the predicted k-th and (k-1)-th differences."""
+    total, lower, lowest = 0.0, 0.0, 0.0
+    for j in range(slope.shape[0]):
+        miss, scale = slope[j] - rows[PREDICTED + 1, j], rows[SCALE, j]
+        total += (miss * scale) ** 2
+        lower += ((miss + rows[PREDICTED + k, j]) * scale) ** 2
+        lowest += ((miss + rows[PREDICTED + k - 1, j]) * scale) ** 2  # for k = 1 a row that nobody reads
+    share = 1.0 / slope.shape[0]
+    return math.sqrt(share * total), math.sqrt(share * lower), math.sqrt(share * lowest)
 
 
 @kernel
@@ -221,14 +227,22 @@ def _choose_next(driver: Driver) -> None:
     elif count[NEXT_ORDER] < k:
         k, error = k - 1, real[ERROR_LOWER]
     elif k + 1 <= count[EQUAL_STEPS]:
-        row = driver.rows[PHI + k + 2]
-        higher = real[H] * ERROR_CONSTANTS[k + 1] * scaled_norm(row, driver.rows[Y], real[RTOL], real[ATOL])
+        higher = real[H] * ERROR_CONSTANTS[k + 1] * _norm(driver.rows, PHI + k + 2)
         if k > 1 and real[ERROR_LOWER] <= min(error, higher):
             k, error = k - 1, real[ERROR_LOWER]
         elif k < HIGHEST and higher < (error if k > 1 else 0.5 * error):
             k, error = k + 1, higher
     count[ORDER] = k
     real[H_NEXT] = real[H] * _factor(error, k, count[RAISING] != 0)
+
+
+@kernel
+def _norm(rows: Array, row: int) -> float:
+    """Norm of a row over the tolerance."""
+    total = 0.0
+    for j in range(rows.shape[1]):
+        total += (rows[row, j] * rows[SCALE, j]) ** 2
+    return math.sqrt(total / rows.shape[1])
 
 
 @kernel

@@ -23,13 +23,14 @@ EVALUATE = 1  # wants f(TIME, `point`) in `slope`; a trial that has no answer: a
 INDICATE = 2  # wants the indicators and their rates at (TIME, `point`), where f is `slope`, in their rows VALUE and RATE
 CROSSING = 3  # those with HIT may have crossed 0 between TIME_BEFORE and TIME: GO_ON or STOP in ANSWER, the time in STOP_TIME
 SLICE = 4  # the evaluations of a slice are used up: look at signals and call again
-STOPPED = 5  # at STOP_TIME: TIME and `point` hold t and y there
-STUCK, FAILED, NOT_FINITE, DIVERGED = -1, -2, -3, -4  # steps too small; f has no answer; not finite; no stages at this step size
+STOPPED = 5  # by the indicator with HIT: TIME and `point` hold t and y there
+# steps too small; f has no answer; not finite; no stages at this step size; the noise of f keeps steps short
+STUCK, FAILED, NOT_FINITE, DIVERGED, NOISY = -1, -2, -3, -4, -5
 
 # What a method answers to the march, and what the march says for it where f has no answer
 ACCEPTED, REJECTED, READY, REFUSED = 10, 11, 12, 13
 # Phases of the march: what the next call goes on with
-AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, OVER = range(10)
+AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, HEARD, OVER = range(11)
 GO = 100  # go on without asking
 # What STAGE asks a method for before its own stages, which count from 0
 BEGIN, BEGIN_DENSE = -1, -2
@@ -53,12 +54,14 @@ TIME, STOP_TIME, TIME_BEFORE, FIRST_STEP_SIZE, H_MAX, H_NEXT, LEAST_PROGRESS, RT
 START, END, T_NEW, H, H_LAST, H_PLANNED, WINDOW = range(9, 16)
 # of a method
 ERROR, CHANGE, CHANGE_OF_FIRST, RATE_OF_CHANGE, FACTORED_H, ERROR_LAST, ERROR_LOWER = range(16, 23)
+# of crawl.py
+WINDOW_SHORT, PACE, NOISE = range(23, 26)
 
 # Rows of `rows` common to all methods: y and f at both ends of the step under way
 Y, F, Y_NEW, F_NEW, OWN = range(5)
 
 # Rows of `indicators`: from the caller
-VALUE, RATE, DIRECTION, ZERO, ZERO_RATE = range(5)
+VALUE, RATE, DIRECTION, ZERO, ZERO_RATE = range(5)  # ZERO: a start this near to 0 is on it, and stops if it goes below
 # of the march: values and rates at the start of the step, the side of 0 (-1, 0 if open, 1) it counts as being on, and suspects
 VALUE_BEFORE, RATE_BEFORE, SIDE, HIT = range(5, 9)
 
@@ -69,7 +72,7 @@ class Driver(NamedTuple):
     """All that a method remembers; n states, m indicators, N samples."""
 
     counts: Integers  # (32 + 2 n,)
-    real: Array  # (24,)
+    real: Array  # (26,)
     rows: Array  # (rows of the method, n)
     table: Array  # (12, 16) coefficients that change from step to step
     point: Array  # (n,) y of a request
@@ -106,7 +109,7 @@ def make_driver(
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
     driver = Driver(
         counts=np.zeros(PIVOTS + 2 * size, dtype=np.int64),
-        real=np.zeros(24),
+        real=np.zeros(26),
         rows=np.zeros((OWN + own_rows, size)),
         table=np.zeros((12, TABLE_WIDTH)),
         point=np.zeros(size),
@@ -135,9 +138,10 @@ def begin(driver: Driver, t: float, end: float) -> None:
         driver.rows[Y_NEW, j] = driver.point[j]
     for column in (PHASE, FAILURE, FIRST_FAILURE, TRIALS, RETRY, STEP_INDEX, DENSE, RESUMED, LAST):
         count[column] = 0
-    for column in (START, TIME_BEFORE, TIME, T_NEW, WINDOW):
+    for column in (START, TIME_BEFORE, TIME, T_NEW, WINDOW, WINDOW_SHORT):
         real[column] = t
     real[END] = end
+    real[NOISE] = 0.0
     real[H_NEXT] = real[FIRST_STEP_SIZE]
 
 

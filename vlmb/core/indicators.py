@@ -54,6 +54,21 @@ def note_start(driver: Driver) -> None:
 
 
 @kernel
+def leaves_at_start(driver: Driver) -> bool:
+    """Mark in HIT the first indicator that starts on its 0 and leaves it the wrong way; return whether there is one.
+
+    Only those with a width ZERO are looked at: what lies within it is on 0.
+    """
+    g = driver.indicators
+    for i in range(g.shape[1]):
+        on = abs(g[VALUE, i]) <= g[ZERO, i] and g[ZERO, i] > 0.0
+        if on and g[RATE, i] < -g[ZERO_RATE, i]:
+            g[HIT, i] = -1.0
+            return True
+    return False
+
+
+@kernel
 def note_step(driver: Driver) -> None:
     """Take the indicators at the end of an accepted step as those at the start of the next."""
     g = driver.indicators

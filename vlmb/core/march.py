@@ -15,6 +15,7 @@ A caller's loop, compiled or not:
 from __future__ import annotations
 
 from vlmb.core.adams import next_adams
+from vlmb.core.crawl import judge_noise, look_at_progress
 from vlmb.core.dop853 import next_dop853
 from vlmb.core.driver import (
     ACCEPTED,
@@ -40,15 +41,14 @@ from vlmb.core.driver import (
     H_MAX,
     H_NEXT,
     H_PLANNED,
+    HEARD,
     INDICATE,
     INDICATED,
     LAST,
     LAST_FIXED,
-    LEAST_PROGRESS,
     METHOD,
     NOT_FINITE,
     OVER,
-    PATIENCE,
     PHASE,
     RADAU,
     READY,
@@ -69,14 +69,11 @@ from vlmb.core.driver import (
     STOP,
     STOP_TIME,
     STOPPED,
-    STUCK,
     SUSPECTED,
     T_NEW,
     TIME,
     TIME_BEFORE,
     TRIAL,
-    TRIALS,
-    WINDOW,
     Y_NEW,
     Driver,
     F,
@@ -93,7 +90,6 @@ from vlmb.core.start import go_on_with_start
 
 NEARLY = 0.99  # a step that comes this near to the end goes to the end
 AFTER_FAILURE = 0.25  # factor of a step where f has no answer
-ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way from start to end
 
 
 @kernel
@@ -126,6 +122,8 @@ def march(driver: Driver) -> int:
             code = _judge(driver)
         elif phase in (SUSPECTED, SAMPLING):
             code = _finish_step(driver)
+        elif phase == HEARD:
+            code = judge_noise(driver)
         else:
             code = go_on_with_start(driver)
     if code < DONE:
@@ -138,7 +136,7 @@ def march(driver: Driver) -> int:
 
 @kernel
 def _begin_step(driver: Driver) -> int:
-    """Begin a trial step that ends at `end` at the latest; say SLICE or STUCK where it is time to."""
+    """Begin a trial step that ends at `end` at the latest; say SLICE, or what stops the run, where it is time to."""
     count, real = driver.counts, driver.real
     if count[SLICE_USED] >= count[SLICE_SIZE]:
         count[SLICE_USED] = 0
@@ -149,8 +147,9 @@ def _begin_step(driver: Driver) -> int:
         real[T_NEW] = end if count[LAST] else real[START] + (count[STEP_INDEX] + 1) * real[H_NEXT]
         real[H] = real[H_NEXT]
     else:
-        if _is_stuck(driver):
-            return STUCK
+        progress = look_at_progress(driver)
+        if progress != GO:
+            return progress
         real[H_PLANNED] = min(real[H_NEXT], real[H_MAX])
         count[LAST] = 1 if t + real[H_PLANNED] >= end - (1.0 - NEARLY) * real[H_PLANNED] else 0
         real[T_NEW] = end if count[LAST] else t + real[H_PLANNED]
@@ -159,22 +158,6 @@ def _begin_step(driver: Driver) -> int:
     count[STAGE] = BEGIN
     count[PHASE] = STAGES
     return GO
-
-
-@kernel
-def _is_stuck(driver: Driver) -> bool:
-    """Whether the step is lost in the rounding of t, or too many steps went too short a way."""
-    count, real = driver.counts, driver.real
-    t, h = real[TIME_BEFORE], real[H_NEXT]
-    if not (h > ROUNDING * abs(t) and h > TINIEST * (real[END] - real[START])) and t + h < real[END]:
-        return True
-    count[TRIALS] += 1
-    if count[TRIALS] < count[PATIENCE]:
-        return False
-    slow = t - real[WINDOW] < min(real[LEAST_PROGRESS], 1e-4 * (real[END] - real[START]))
-    count[TRIALS] = 0
-    real[WINDOW] = t
-    return slow
 
 
 @kernel

@@ -6,6 +6,7 @@ import math
 
 from vlmb.core import tree as of
 from vlmb.core.driver import (
+    AT_START,
     EVALUATE,
     FAILED,
     FAILURE,
@@ -13,6 +14,7 @@ from vlmb.core.driver import (
     H_MAX,
     INDICATE,
     NEXT_SAMPLE,
+    PHASE,
     RATE,
     TIME,
     VALUE,
@@ -58,6 +60,8 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
     bounds (count, 3): from begin to end [s], in order, no step is longer than the third; h_max [s] holds everywhere.
     """
     answers, real, code = driver.counts, driver.real, EVALUATE
+    if answers[PHASE] == AT_START:
+        accept_here(plant, memory, driver.point)
     while code in (EVALUATE, INDICATE):
         code = march(driver)
         if memory.branches.shape[0] > 0:

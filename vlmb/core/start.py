@@ -26,12 +26,13 @@ from vlmb.core.driver import (
     PROBED,
     START,
     STEP_COUNT,
+    STOPPED,
     TRIAL,
     Driver,
     F,
 )
 from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
-from vlmb.core.indicators import note_start
+from vlmb.core.indicators import leaves_at_start, note_start
 from vlmb.core.jit import kernel
 from vlmb.core.samples import write_samples
 
@@ -50,6 +51,9 @@ def go_on_with_start(driver: Driver) -> int:
         return _take_first_slope(driver)
     if phase == FIRST_INDICATORS:
         note_start(driver)
+        if leaves_at_start(driver):
+            count[PHASE] = OVER
+            return STOPPED
         return _choose_first_step(driver)
     if phase == PROBED:
         real[H_NEXT] = step_from_probe(driver)

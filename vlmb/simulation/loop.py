@@ -14,14 +14,11 @@ from vlmb.core.driver import (
     ANSWER,
     AT_START,
     CROSSING,
-    DIVERGED,
     DONE,
     EVALUATIONS,
-    FAILED,
     GO_ON,
     HIT,
     NEXT_SAMPLE,
-    NOT_FINITE,
     OVER,
     PHASE,
     SLICE,
@@ -45,6 +42,7 @@ from vlmb.core.samples import state_at
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.methods import find_method
+from vlmb.simulation.stuck import why_stuck
 from vlmb.system.events import FALL, LINE_UP, SWITCH, Event
 
 Array = NDArray[np.float64]
@@ -54,7 +52,6 @@ IN_LINE = 1e-6  # sine of an angle below which two directions line up
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
-STUCK_TEXT = "the steps became too small to go on: the motion is too stiff, or singular, here"
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
 
@@ -83,10 +80,6 @@ class Engine(Protocol):
 
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer."""
-        ...
-
-    def accept(self, t: float, y: Array) -> None:
-        """Take a state as the one near which angles are read."""
         ...
 
     def indicators(self, t: float, y: Array) -> Array:
@@ -138,12 +131,12 @@ class Loop:
             slice_size=engine.first_slice,
         )  # fmt: skip
         self.driver.point[:] = y
-        ends = [event.ends for event in engine.events]
-        self.driver.indicators[ZERO, ends] = self.driver.indicators[ZERO_RATE, ends] = UNDER
+        for k, event in enumerate(engine.events):
+            if event.ends:
+                self.driver.indicators[ZERO, k] = self.driver.indicators[ZERO_RATE, k] = UNDER
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
-        self.stop = Event(SWITCH, 0.0, "", "")  # what stopped the last step
         self.told = start  # time that progress was told last
         self.kept = len(times)  # samples, at most
         self._refuse_start()
@@ -179,9 +172,6 @@ class Loop:
     def run(self) -> tuple[str, str]:
         """Go to the last sample; return a status and a sentence. What user code raises goes through."""
         try:
-            sentence = self._at_start()
-            if sentence is not None:
-                return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
                 sentence = self._stretch(end)
                 if sentence is not None:
@@ -202,7 +192,6 @@ class Loop:
         """Go to a break, or the end; return a sentence if an event ends the run before."""
         inside = self.t if self.t in (self.start, end) or not self.breaks else self.t + INSIDE * abs(self.t)
         until = end if end == self.last else end - INSIDE * abs(end)
-        self.engine.accept(self.t, self.driver.point)
         begin(self.driver, min(inside, until), until)
         while True:
             code = self._slice()
@@ -218,7 +207,6 @@ class Loop:
                 sentence = self._after_stop()
                 if sentence is not None:
                     return sentence
-                self.engine.accept(self.t, self.driver.point)
                 resume(self.driver, self.t, until)
             elif code != SLICE:
                 self._note_time()
@@ -267,7 +255,6 @@ class Loop:
             if self._counts(crossing):
                 driver.indicators[HIT, crossing.indicator] = crossing.direction
                 driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
-                self.stop = self.engine.events[crossing.indicator]
                 return
 
     def _counts(self, crossing: Crossing) -> bool:
@@ -289,7 +276,7 @@ class Loop:
 
     def _after_stop(self) -> str | None:
         """Return the sentence of an event that ends the run; a switch only begins a new step."""
-        event = self.stop
+        event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
@@ -302,15 +289,6 @@ class Loop:
         self._end_here()
         return event.sentence
 
-    def _at_start(self) -> str | None:
-        """Return the sentence of a limit, or of the snow, that the motion starts on and leaves the wrong way."""
-        values, rates = self.engine.indicators(self.t, self.driver.point) if self.engine.events else ((), ())
-        for event, value, rate in zip(self.engine.events, values, rates, strict=True):
-            if event.ends and abs(value) <= UNDER and rate < -UNDER:
-                self._end_here()
-                return event.sentence
-        return None
-
     def _end_here(self) -> None:
         """Keep the instant at which an event ends the run."""
         self.extra = self.t, np.array(self.driver.point)
@@ -318,16 +296,7 @@ class Loop:
 
     def _failure(self, code: int) -> VlmbError:
         error = self.engine.failure(self.driver)
-        if error is not None:
-            return error
-        if code == NOT_FINITE:
-            fixed = "the step is too large for this motion; reduce `step`"
-            return SimulationError(f"the state is no longer finite{'' if self.method.adaptive else ': ' + fixed}")
-        if code == DIVERGED:
-            return SimulationError(
-                "the stages of the Gauss method do not converge: the step is too large for this motion; reduce it"
-            )
-        return SimulationError(STUCK_TEXT if code != FAILED else "an evaluation has no answer here")
+        return SimulationError(why_stuck(code, self.driver, self.method.adaptive)) if error is None else error
 
     def _note_time(self) -> None:
         """Note the time reached: of the last accepted state, or of the stop or the end within its step."""

@@ -7,7 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import (
+    AT_START,
+    EVALUATE,
+    FAILURE,
+    FIRST_FAILURE,
+    H_MAX,
+    INDICATE,
+    NEXT_SAMPLE,
+    PHASE,
+    RATE,
+    TIME,
+    VALUE,
+    Driver,
+)  # fmt: skip
 from vlmb.core.march import march
 from vlmb.core.plant import FROM_SIDE, SOURCES, evaluate, make_memory, onto_edge
 from vlmb.core.row_arrays import PROJECTION
@@ -69,6 +82,8 @@ class CoreEngine:
 
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
+        if self.programme is not None and not self.grip:
+            self.accept(float(driver.real[TIME]), driver.point)
         if self.reader is None:
             if self.plan.reads_angles and not len(self.memory.branches):
                 self.memory = self.memory._replace(branches=np.zeros((len(driver.times), *self.memory.reference.shape)))
@@ -167,6 +182,8 @@ class CoreEngine:
     def _run_controlled(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """The same as the compiled run, with the control asked at every evaluation and once for every sample."""
         plant, memory, counts, real = self.plan.plant, self.memory, driver.counts, driver.real
+        if counts[PHASE] == AT_START:
+            self.accept(float(real[TIME]), driver.point)
         while True:
             code = march(driver)
             self._take_samples(driver)

@@ -8,7 +8,20 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.core.driver import EVALUATE, FAILURE, FIRST_FAILURE, H_MAX, INDICATE, NEXT_SAMPLE, RATE, TIME, VALUE, Driver
+from vlmb.core.driver import (
+    AT_START,
+    EVALUATE,
+    FAILURE,
+    FIRST_FAILURE,
+    H_MAX,
+    INDICATE,
+    NEXT_SAMPLE,
+    PHASE,
+    RATE,
+    TIME,
+    VALUE,
+    Driver,
+)
 from vlmb.core.march import march
 from vlmb.core.plant import make_memory
 from vlmb.core.run import indicate, longest_step
@@ -60,6 +73,8 @@ class PinocchioEngine:
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
         counts, real, rhs = driver.counts, driver.real, self.workspace.rhs
+        if counts[PHASE] == AT_START:
+            self.accept(float(real[TIME]), driver.point)
         while True:
             code = march(driver)
             self._take_samples(driver)
