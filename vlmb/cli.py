@@ -35,6 +35,8 @@ from vlmb.views.page import page
 from vlmb.views.stills import animation, frames
 from vlmb.views.visual_model import Scenery, of_trajectory
 
+OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "engine", "max_step")  # of `vlmb run`
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; print errors as one sentence on stderr."""
@@ -78,6 +80,8 @@ def make_parser() -> argparse.ArgumentParser:
     run.add_argument("--step", type=float, help="[s] of the fixed-step methods")
     run.add_argument("--knife-edge", choices=("reduction", "multiplier", "projection"))
     run.add_argument("--gain", type=float, help="[1/s] Baumgarte gain of the knife edge as a multiplier")
+    run.add_argument("--engine", choices=("auto", "core", "pinocchio"), help="what evaluates the motion (default: auto)")
+    run.add_argument("--max-step", type=float, metavar="S", help="[s] longest step of adaptive methods")
     run.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
     run.add_argument("--view", action="store_true", help="play the run in the browser when it is done")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -101,7 +105,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _run(args: argparse.Namespace) -> int:
     path, times, t0 = Path(args.scene), None, 0.0
-    changes = {key: getattr(args, key) for key in ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain")}
+    changes = {key: getattr(args, key) for key in OPTIONS}
     if path.suffix == ".npz":
         stored = load_trajectory(path)
         if stored.input_names:
