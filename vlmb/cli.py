@@ -1,6 +1,6 @@
 """The command line: vlmb run | info | check | matrices | plot | view | bench.
 
-Exit codes: 0 done, 1 failed or refused, 2 wrong usage.
+Exit codes: 0 done, 1 failed, refused or doubtful, 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _run(args: argparse.Namespace) -> int:
     print("wrote " + ", ".join(str(file) for file in written))
     if args.view:
         view.keep(view.play(trajectory, browser=True))
-    return 0 if trajectory.status in ("finished", "stopped") else 1
+    return 0 if trajectory.status in ("finished", "stopped") and not trajectory.doubts else 1
 
 
 def _draw(trajectory: Trajectory, folder: Path) -> list[Path]:
