@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -295,6 +296,11 @@ class Trajectory(Remade, Displayed):
 
 def versions() -> dict[str, str]:
     """Versions that a run depends on."""
+    return dict(_versions())
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
     return {
         "vlmb": __version__, "pinocchio": pin.__version__, "numpy": np.__version__, "scipy": scipy.__version__,
         "python": platform.python_version(),
