@@ -57,7 +57,7 @@ def kinematics(layout: Layout, q: Array, v: Array) -> Kinematics:
     shape = q.shape[:-1]
     rotations = np.zeros((*shape, len(layout.links), 3, 3))
     omegas = np.zeros((*shape, len(layout.links), 3))
-    base_rotation, base_omega = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.zeros((*shape, 3))
+    base_rotation, base_omega = np.eye(3), np.zeros(3)
     if layout.base == "ski":
         norm = np.hypot(q[..., 2], q[..., 3])
         base_rotation = _about_z(q[..., 2] / norm, q[..., 3] / norm)
@@ -230,13 +230,13 @@ def _about_minus_y(cosine: Array, sine: Array) -> Array:
 def _from_quaternion(quaternion: Array) -> Array:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4) in the order x, y, z, w, of any norm."""
     unit = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
-    x, y, z, w = (unit[..., at] for at in range(4))
+    x, y, z, w = unit.tolist() if unit.ndim == 1 else (unit[..., at] for at in range(4))  # of one: a tenth of the time
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
         2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
         2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
     ]  # fmt: skip
-    return np.stack(rows, axis=-1).reshape(*quaternion.shape[:-1], 3, 3)
+    return (np.array(rows) if unit.ndim == 1 else np.stack(rows, axis=-1)).reshape(*quaternion.shape[:-1], 3, 3)
 
 
 def _to_quaternion(rotation: Array) -> Array:
