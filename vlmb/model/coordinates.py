@@ -184,7 +184,7 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
         cos_phi, sin_phi, cos_psi, sin_psi = math.cos(phi), math.sin(phi), math.cos(psi), math.sin(psi)
         u_phi = np.array([-sin_phi, cos_phi, 0.0])
         u_psi = np.array([-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi])
-        frames[i] = np.array([[cos_phi * cos_psi, sin_phi * cos_psi, sin_psi], u_phi, u_psi]).T
+        frames[i] = np.array([[cos_phi * cos_psi, sin_phi * cos_psi, sin_psi], u_phi, u_psi]).T.copy()
         omegas[i] = speeds[f"phi{i + 1}"] * cos_psi * u_psi - speeds[f"psi{i + 1}"] * u_phi
         q[link.q : link.q + 4] = _to_quaternion(frames[link.parent].T @ frames[i])
         v[link.v : link.v + 3] = frames[i].T @ (omegas[i] - omegas[link.parent])
