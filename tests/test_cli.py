@@ -92,6 +92,7 @@ def test_the_list_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
         ([], "COMMAND"), (["fly"], "fly"), (["run"], "scene"), (["run", "a.toml", "b.toml"], "b.toml"), (["plot"], "runs"),
         (["run", "one.toml", "--method", "rk5"], "rk4"), (["run", "one.toml", "--duration", "long"], "long"),
         (["run", "one.toml", "--speed", "3"], "--speed"), (["run", "one.toml", "--knife-edge", "glue"], "reduction"),
+        (["run", "one.toml", "--engine", "steam"], "pinocchio"), (["run", "one.toml", "--max-step", "short"], "short"),
     ],
 )  # fmt: skip
 def test_wrong_usage_has_exit_code_2(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str], here: Path) -> None:
@@ -144,6 +145,10 @@ def test_run_with_options(here: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "rk4 (step 0.01 s), 10 steps" in capsys.readouterr().out
     assert main(["run", "one.toml", "--no-plots", "--quiet", "--rtol", "1e-5", "--atol", "1e-7"]) == 0
     assert "rtol 1e-05, atol 1e-07" in capsys.readouterr().out
+    assert main(["run", "one.toml", "--no-plots", "--quiet", "--engine", "pinocchio", "--max-step", "0.001", "-o", "slow"]) == 0
+    trajectory = vlmb.load_trajectory(here / "slow" / "run.npz")
+    assert (trajectory.engine, trajectory.run.engine, trajectory.run.max_step) == ("pinocchio", "pinocchio", 0.001)
+    assert trajectory.stats["steps"] >= 200
 
 
 @pytest.mark.slow
@@ -383,7 +388,8 @@ def test_missing_and_foreign_files(here: Path, capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "text"), [("--duration", "-1", "duration"), ("--rtol", "0", "rtol"), ("--step", "nan", "step")]
+    ("option", "value", "text"),
+    [("--duration", "-1", "duration"), ("--rtol", "0", "rtol"), ("--step", "nan", "step"), ("--max-step", "0", "max_step")],
 )
 def test_wrong_numbers_are_refused_before_the_run(
     option: str, value: str, text: str, here: Path, capsys: pytest.CaptureFixture[str]

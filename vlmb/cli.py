@@ -1,6 +1,6 @@
 """The command line: vlmb run | info | check | matrices | plot | view | bench.
 
-Exit codes: 0 done, 1 failed or refused, 2 wrong usage.
+Exit codes: 0 done, 1 failed, refused or doubtful, 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ from vlmb.views import view, work_precision_plots
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames
 from vlmb.views.visual_model import Scenery, of_trajectory
+
+OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "engine", "max_step")  # of `vlmb run`
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -78,6 +80,8 @@ def make_parser() -> argparse.ArgumentParser:
     run.add_argument("--step", type=float, help="[s] of the fixed-step methods")
     run.add_argument("--knife-edge", choices=("reduction", "multiplier", "projection"))
     run.add_argument("--gain", type=float, help="[1/s] Baumgarte gain of the knife edge as a multiplier")
+    run.add_argument("--engine", choices=("auto", "core", "pinocchio"), help="what evaluates the motion (default: auto)")
+    run.add_argument("--max-step", type=float, metavar="S", help="[s] longest step of adaptive methods")
     run.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
     run.add_argument("--view", action="store_true", help="play the run in the browser when it is done")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -101,7 +105,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _run(args: argparse.Namespace) -> int:
     path, times, t0 = Path(args.scene), None, 0.0
-    changes = {key: getattr(args, key) for key in ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain")}
+    changes = {key: getattr(args, key) for key in OPTIONS}
     if path.suffix == ".npz":
         stored = load_trajectory(path)
         if stored.input_names:
@@ -138,7 +142,7 @@ def _run(args: argparse.Namespace) -> int:
     print("wrote " + ", ".join(str(file) for file in written))
     if args.view:
         view.keep(view.play(trajectory, browser=True))
-    return 0 if trajectory.status in ("finished", "stopped") else 1
+    return 0 if trajectory.status in ("finished", "stopped") and not trajectory.doubts else 1
 
 
 def _draw(trajectory: Trajectory, folder: Path) -> list[Path]:

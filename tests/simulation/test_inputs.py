@@ -91,6 +91,25 @@ def test_what_it_sees_cannot_be_changed() -> None:
     assert np.array_equal(runs[0].controls["M_psi1"], runs[1].controls["M_psi1"])
 
 
+def test_it_lists_every_name_that_it_knows() -> None:
+    seen: list[Any] = []
+    made = bent(PIVOT, 2, parameters={"gain_of_knee": 2.5})
+    vlmb.simulate(made, duration=0.01, control=lambda t, view: seen.append(view))
+    view = seen[0]
+    names = view.keys()
+    assert names == list(view) == view._ipython_key_completions_() and len(set(names)) == len(names)
+    assert {"t", "gain_of_knee", "psi2_dot", "link1.lower", "link2.tip.z_dot", "com.z"} < set(names)
+    assert all(name in view and math.isfinite(view[name]) for name in names)
+    assert "speed" not in view and 3 not in view and "psi3" not in view
+    assert "t = 0 s" in repr(view) and "psi2" in repr(view)
+    close = {"psi3": "psi1", "gain_of_kne": "gain_of_knee", "link2.tp.z": "link2.tip.z", "zzzz": "valid names"}
+    for wrong, near in close.items():
+        with pytest.raises(vlmb.SceneError, match=f"control: unknown name '{wrong}'; .*{near}"):
+            view[wrong]
+    with pytest.raises(vlmb.SceneError, match=r"view\[0\]: a name is needed"):
+        view[0]
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_an_exception_carries_the_run_so_far(method: str) -> None:
     def control(t: float, view: Any) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The mechanism: a Pinocchio model generated from a scene, with its index maps and what was left out.
+"""The mechanism: the joints and bodies generated from a scene, with index maps and what was left out; a Pinocchio model of them.
 
     hinge (ball) -- lower segment (prismatic x) -- [ rod ] -- upper segment (prismatic x) -- tip
 
@@ -23,6 +23,7 @@ from vlmb.model.frozen import Remade
 from vlmb.model.laws import parse_of_time
 from vlmb.model.layout import BASE_COORDINATES, Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.names import POINTS, Names, counted
+from vlmb.model.parts import JOINTS, ORIGIN, Body, Joint, Part, Place, Point, make_model
 from vlmb.model.reading import Postures, postures
 from vlmb.scene.expressions import evaluate
 from vlmb.scene.places import on_rod
@@ -39,7 +40,7 @@ class Mechanism(Remade, Displayed):
     """What `build` makes of a scene. It is never changed: whoever computes brings the scratch space (`make_data`)."""
 
     scene: Scene
-    model: Any  # pinocchio.Model
+    parts: tuple[Part, ...]  # of the model, in the order in which it takes them
     layout: Layout
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -51,6 +52,11 @@ class Mechanism(Remade, Displayed):
 
     def __hash__(self) -> int:
         return hash(self.scene)
+
+    @cached_property
+    def model(self) -> Any:
+        """The pinocchio.Model; made when first needed: the core runs without it."""
+        return make_model(self.scene.name, self.scene.surface_gravity, self.parts)
 
     @property
     def frames(self) -> Mapping[str, int]:
@@ -106,13 +112,13 @@ class Mechanism(Remade, Displayed):
 
 
 def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
-    """Generate the Pinocchio model of a scene: of a Scene, the path of a scene file or a dict with its keys.
+    """Generate the mechanism of a scene: of a Scene, the path of a scene file or a dict with its keys.
 
     Raises SceneError where the scene has a motion without mass.
     """
     scene = as_scene(scene)
     builder = _Builder(scene)
-    return Mechanism(scene, builder.model, builder.layout(), tuple(builder.left_out), tuple(builder.warnings))
+    return Mechanism(scene, tuple(builder.parts), builder.layout(), tuple(builder.left_out), tuple(builder.warnings))
 
 
 class _Builder:
@@ -120,9 +126,8 @@ class _Builder:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.model = pin.Model()
-        self.model.name = scene.name
-        self.model.gravity.linear = np.array(scene.surface_gravity)
+        self.parts: list[Part] = []
+        self.joints, self.nq, self.nv = 0, 0, 0  # so far
         self.left_out: list[str] = []
         self.warnings: list[str] = []
         self.links: dict[int, LinkIndex] = {}
@@ -141,7 +146,7 @@ class _Builder:
         self.carried = [self._carried(i) for i in range(len(scene.links))]
         base = self._add_base()
         for first in self.children.get((BASE, "tip"), []):
-            self._add_link(first, base, np.array(scene.links[first].anchor or np.zeros(3)))
+            self._add_link(first, base, scene.links[first].anchor or ORIGIN)
         self._look_for_straight_legs()
 
     def layout(self) -> Layout:
@@ -163,7 +168,7 @@ class _Builder:
                 if name in self.scene.parameters:
                     raise SceneError(f"parameters.{name}: a coordinate of this scene has this name; choose another")
         return Layout(
-            self.scene.base.kind, plane, self.model.nq, self.model.nv, links, tuple(self.order), tuple(coordinates)
+            self.scene.base.kind, plane, self.nq, self.nv, links, tuple(self.order), tuple(coordinates)
         )
 
     def _carried(self, i: int) -> float:
@@ -183,60 +188,61 @@ class _Builder:
     def _add_base(self) -> int:
         base = self.scene.base
         if base.kind == "ski":
-            ski = self.model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "ski")
-            inertia = np.diag([0.0, base.inertia, base.inertia])  # only the vertical axis is ever used
-            body = pin.Inertia(base.mass, np.array([base.com_offset, 0.0, 0.0]), inertia)
-            self.model.appendBodyToJoint(ski, body, pin.SE3.Identity())
-            self._frame("ski", ski, np.zeros(3))
+            ski = self._joint(0, "planar", ORIGIN, "ski")[0]
+            inertia = (0.0, base.inertia, base.inertia)  # only the vertical axis is ever used
+            self.parts.append(Body(ski, base.mass, (base.com_offset, 0.0, 0.0), inertia, ORIGIN))
+            self.parts.append(Point("ski", ski, ORIGIN))
             return ski
         if base.kind == "free":
             if self.scene.plane:
-                first = self.model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "base_x")
-                flying = self.model.addJoint(first, pin.JointModelPZ(), pin.SE3.Identity(), "base_z")
+                flying = self._joint(self._joint(0, "x", ORIGIN, "base_x")[0], "z", ORIGIN, "base_z")[0]
             else:
-                flying = self.model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "base")
+                flying = self._joint(0, "translation", ORIGIN, "base")[0]
             if base.mass:
-                point = pin.Inertia(base.mass, np.zeros(3), np.zeros((3, 3)))
-                self.model.appendBodyToJoint(flying, point, pin.SE3.Identity())
+                self.parts.append(Body(flying, base.mass, ORIGIN, ORIGIN, ORIGIN))
             return flying
         return 0
 
-    def _add_link(self, first: int, parent_joint: int, at: np.ndarray) -> None:
+    def _joint(self, parent: int, kind: str, at: Place, name: str) -> tuple[int, int, int]:
+        """Add a joint; return its number and where it begins in q and v."""
+        self.parts.append(Joint(parent, kind, at, name))
+        self.joints += 1
+        made = self.joints, self.nq, self.nv
+        self.nq, self.nv = self.nq + JOINTS[kind][1], self.nv + JOINTS[kind][2]
+        return made
+
+    def _add_link(self, first: int, parent_joint: int, at: Place) -> None:
         stack = [(first, parent_joint, at)]
         while stack:  # no recursion: chains may be long
             i, joint, offset = stack.pop()
             hanging = self._add_one(i, joint, offset)
             stack += reversed(hanging)
 
-    def _add_one(self, i: int, parent_joint: int, at: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
+    def _add_one(self, i: int, parent_joint: int, at: Place) -> list[tuple[int, int, Place]]:
         link = self.scene.links[i]
-        rotation = pin.JointModelRevoluteUnaligned(0.0, -1.0, 0.0) if self.scene.plane else pin.JointModelSpherical()
-        hinge = self.model.addJoint(parent_joint, rotation, pin.SE3(np.eye(3), at), link.name)
-        self._frame(f"{link.name}.hinge", hinge, np.zeros(3))
+        hinge, at_q, at_v = self._joint(parent_joint, "hinge" if self.scene.plane else "ball", at, link.name)
+        self.parts.append(Point(f"{link.name}.hinge", hinge, ORIGIN))
         lower, rod_joint, rod_at = self._add_segment(i, 1, hinge, 0.0)
-        self._frame(f"{link.name}.rod_start", rod_joint, _along(rod_at))
+        self.parts.append(Point(f"{link.name}.rod_start", rod_joint, _along(rod_at)))
         transverse = link.rod.transverse_inertia
         self._refuse_massless(i, rod_at if rod_joint == hinge else lower.length)
         axial = 0.0 if self.scene.plane else AXIAL_RATIO * self._hinge_inertia(i, lower.length)
         # a moving rod's inertia and all it carries have the axis of the link in common: any body may hold the axial part
-        body = pin.Inertia(link.rod.mass, _along(link.rod.centre), np.diag([0.0, transverse, transverse]))
-        self.model.appendBodyToJoint(rod_joint, body, pin.SE3(np.eye(3), _along(rod_at)))
+        inertia = (0.0, transverse, transverse)
+        self.parts.append(Body(rod_joint, link.rod.mass, _along(link.rod.centre), inertia, _along(rod_at)))
         if axial:
-            spin = pin.Inertia(0.0, np.zeros(3), np.diag([axial, 0.0, 0.0]))
-            self.model.appendBodyToJoint(hinge, spin, pin.SE3.Identity())
+            self.parts.append(Body(hinge, 0.0, ORIGIN, (axial, 0.0, 0.0), ORIGIN))
         end_at = rod_at + link.rod.length
-        self._frame(f"{link.name}.rod_end", rod_joint, _along(end_at))
+        self.parts.append(Point(f"{link.name}.rod_end", rod_joint, _along(end_at)))
         upper, tip_joint, tip_at = self._add_segment(i, 2, rod_joint, end_at)
-        self._frame(f"{link.name}.tip", tip_joint, _along(tip_at))
+        self.parts.append(Point(f"{link.name}.tip", tip_joint, _along(tip_at)))
         if link.tip_mass:
-            point = pin.Inertia(link.tip_mass, np.zeros(3), np.zeros((3, 3)))
-            self.model.appendBodyToJoint(tip_joint, point, pin.SE3(np.eye(3), _along(tip_at)))
-        rotation_model = self.model.joints[hinge]
+            self.parts.append(Body(tip_joint, link.tip_mass, ORIGIN, ORIGIN, _along(tip_at)))
         parent = self.places.get(link.parent, -1)
         point = "tip" if parent < 0 else "rod" if isinstance(link.parent_point, float) else link.parent_point
         self.links[i] = LinkIndex(
-            link.name, parent, point, link.rod.length, hinge, rotation_model.idx_q, rotation_model.idx_v, lower, upper,
-            self.on_rod.get(i, 0.0), link.anchor or (0.0, 0.0, 0.0),
+            link.name, parent, point, link.rod.length, hinge, at_q, at_v, lower, upper, self.on_rod.get(i, 0.0),
+            link.anchor or ORIGIN,
         )  # fmt: skip
         self.order.append(i)
         hanging = [(child, tip_joint, _along(tip_at)) for child in self.children.get((link.name, "tip"), [])]
@@ -256,9 +262,8 @@ class _Builder:
             self.left_out.append(f"xi{i + 1}_{which}, the {side} segment of {link.name!r}: fixed at {length:g} m")
         else:
             name = f"{link.name}.{'lower' if which == 1 else 'upper'}"
-            new = self.model.addJoint(joint, pin.JointModelPX(), pin.SE3(np.eye(3), _along(at)), name)
-            made = self.model.joints[new]
-            return SegmentIndex(segment.motion, length, new, made.idx_q, made.idx_v), new, 0.0
+            new, at_q, at_v = self._joint(joint, "x", _along(at), name)
+            return SegmentIndex(segment.motion, length, new, at_q, at_v), new, 0.0
         return SegmentIndex("fixed", length), joint, at + length
 
     def _hinge_inertia(self, i: int, lower: float) -> float:
@@ -312,10 +317,6 @@ class _Builder:
                     f"matrix is singular whenever they line up; give {link.name!r} a tip_mass or fix one of the segments"
                 )
 
-    def _frame(self, name: str, joint: int, at: np.ndarray) -> None:
-        frame = pin.Frame(name, joint, 0, pin.SE3(np.eye(3), at), pin.FrameType.OP_FRAME)
-        self.model.addFrame(frame, False)
-
 
 def start_length(scene: Scene, segment: Segment, key: str) -> float:
     """Length [m] of a segment at the start: given, or the law's value at t = 0."""
@@ -325,5 +326,5 @@ def start_length(scene: Scene, segment: Segment, key: str) -> float:
     return evaluate(law, {"t": 0.0, **scene.parameters})
 
 
-def _along(distance: float) -> np.ndarray:
-    return np.array([distance, 0.0, 0.0])
+def _along(distance: float) -> Place:
+    return distance, 0.0, 0.0

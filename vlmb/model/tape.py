@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -54,6 +55,16 @@ def compile_tape(roots: Sequence[Expression | Equation], resolve: Callable[[str]
     """
     if len(roots) > MAX_ROWS:
         raise ExpressionError(f"{len(roots)} equations and laws: at most {MAX_ROWS}; write fewer")
+    return _compiled(roots, resolve) if roots else _empty()
+
+
+@functools.cache
+def _empty() -> CompiledTape:
+    """Compile the tape of scenes without laws and equations, once."""
+    return _compiled((), lambda name: Leaf(VALUE))
+
+
+def _compiled(roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf]) -> CompiledTape:
     builder = _Builder(resolve)
     slots = [builder.root(root) for root in roots]
     needed = len(builder.code)

@@ -33,7 +33,7 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
 
     Raises SceneError with the key path, what was found and what is allowed.
     """
-    tables, texts = _converted(_plain(dict(data), ""))
+    tables, texts = _converted(_plain(dict(data), None))
     tables = msgspec.structs.replace(tables, links=_named(tables.links))
     check_names(tables.links, rows_of(tables))
     _check_tree(tables.links)
@@ -58,37 +58,52 @@ def _converted(data: dict[str, Any]) -> tuple[SceneTables, dict[str, Written]]:
     return tables, texts
 
 
-def _plain(value: Any, key: str, depth: int = 0) -> Any:
+Where = tuple["Where", str] | None  # where a value stands: what it stands in, and how it is written there
+
+
+def _plain(value: Any, path: Where, depth: int = 0) -> Any:
     """Copy data with plain numbers (NumPy's too) and tables as dicts; refuse what is not data, not finite, too large or deep."""
     kind = type(value)
     if value is None or kind is bool or kind is str:
         return value
     if kind is int:
         if abs(value) > 2**63:
-            raise SceneError(f"{key}: this whole number is too large")
+            raise SceneError(f"{_key(path)}: this whole number is too large")
         return value
     if kind is float:
+        if value == 0.0 or TINIEST <= abs(value) <= LARGEST:
+            return value
+        key = _key(path)
         if math.isnan(value) or (math.isinf(value) and not re.search(r"limits\[\d\]$", key)):
             raise SceneError(f"{key} = {value}: must be a finite number")
         return _in_range(value, key)
     if isinstance(value, (dict, list, tuple, Table)) and depth > MAX_DEPTH:
-        raise SceneError(f"{key[:80]}...: nested more than {MAX_DEPTH} deep")
+        raise SceneError(f"{_key(path)[:80]}...: nested more than {MAX_DEPTH} deep")
     if isinstance(value, Table):
         value = _given(value)
     if isinstance(value, dict):
         for name in value:
             if not isinstance(name, str):
-                raise SceneError(f"{key or 'scene'}: {name!r:.80} is no key: keys are text")
-        return {name: _plain(entry, f"{key}.{name}" if key else name, depth + 1) for name, entry in value.items()}
+                raise SceneError(f"{_key(path) or 'scene'}: {name!r:.80} is no key: keys are text")
+        return {name: _plain(entry, (path, name), depth + 1) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(entry, f"{key}[{index}]", depth + 1) for index, entry in enumerate(value)]
+        return [_plain(entry, (path, f"[{index}]"), depth + 1) for index, entry in enumerate(value)]
     if isinstance(value, Written):
         return value.text
     if isinstance(value, str):
         return str(value)
     if isinstance(value, numbers.Real):
-        return _plain(int(value) if isinstance(value, numbers.Integral) else float(value), key, depth)
-    raise SceneError(f"{key} = {value!r:.80}: a scene has numbers, texts, lists and tables, no {kind.__name__}")
+        return _plain(int(value) if isinstance(value, numbers.Integral) else float(value), path, depth)
+    raise SceneError(f"{_key(path)} = {value!r:.80}: a scene has numbers, texts, lists and tables, no {kind.__name__}")
+
+
+def _key(path: Where) -> str:
+    """Return a path as text: `links[0].lower.length`."""
+    parts: list[str] = []
+    while path is not None:
+        path, part = path
+        parts.append(part if part.startswith("[") or path is None else f".{part}")
+    return "".join(reversed(parts))
 
 
 def _in_range(number: float, key: str) -> float:

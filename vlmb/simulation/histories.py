@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,12 @@ from numpy.typing import NDArray
 from vlmb.errors import VlmbError
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW
+from vlmb.scene.rows import rows_of
 from vlmb.simulation.motion import Motion
+from vlmb.system.constrained import SIDEWAYS
+from vlmb.system.core_engine import CoreEngine
+from vlmb.system.engines import make_engine
+from vlmb.system.frames import LinkFrames
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -73,11 +79,56 @@ def forces_along(
     return frozen | {"report": "" if programme is None else programme.report}
 
 
+def slopes_along(system: System, motion: Motion, inputs: Array) -> tuple[Array, Array]:
+    """Velocities and work states (N, m) as they were integrated, and their rates by the recorded inputs (N, S).
+
+    Rates are nan where there are none: at a singular posture, or where an input is not known.
+    """
+    engine, many = make_engine(system, motion.branch[0], None, motion.engine), len(motion.branch) > 1
+    found = np.full_like(motion.states, np.nan)
+    for i, (t, y) in enumerate(zip(motion.t.tolist(), motion.states, strict=True)):
+        if isinstance(engine, CoreEngine):
+            engine.memory.inputs[:] = inputs[i]
+            if many:
+                engine.take_branch(motion.branch[i])
+        else:
+            engine.workspace.applied.held = inputs[i].tolist()
+            engine.workspace.branch = motion.branch[i if many else 0].tolist()
+        with contextlib.suppress(VlmbError):
+            found[i] = engine.evaluate(t, y)
+    first = system.core_plan.positions if motion.engine == "core" else system.mechanism.layout.nq
+    return motion.states[:, first:], found[:, first:]
+
+
+def held_along(system: System, motion: Motion) -> dict[str, tuple[Array | None, Array]]:
+    """Position and velocity errors (N,) of what ideal rows hold, by name, and of a knife edge that a multiplier holds."""
+    found: dict[str, tuple[Array | None, Array]] = {}
+    if system.knife_edge == "multiplier":
+        found["knife_edge"] = None, motion.pinocchio[1][:, SIDEWAYS]
+    ideal = rows_of(system.mechanism.scene).ideal
+    if system.constraints is None or not ideal:
+        return found
+    (q, v), values, frames = motion.pinocchio, motion.coordinates[0], LinkFrames(system.mechanism)
+    errors = np.empty((2, len(motion.t), len(ideal)))
+    for i, t in enumerate(motion.t.tolist()):
+        frames.update(q[i])
+        rows = system.constraints.evaluate(frames, t, q[i], v[i], values[i], range(len(ideal)))
+        errors[:, i] = rows.z, rows.rate
+    for k, row in enumerate(ideal):
+        found[row.name] = errors[0, :, k] if system.info[k].holonomic else None, errors[1, :, k]
+    return found
+
+
 def _frozen(value: Any) -> Any:
     """The same arrays, read-only."""
     if isinstance(value, dict):
         return {name: _frozen(entry) for name, entry in value.items()}
     return tuple(map(read_only, value)) if isinstance(value, tuple) else read_only(value)
+
+
+def work_by_force(system: System, motion: Motion) -> dict[str, Array]:
+    """Work (N,) [J] done by each applied force and prescribed segment, and lost in dampers (`dissipation`)."""
+    return {name: motion.work[:, k] for k, name in enumerate(system.work_names)}
 
 
 def energies_along(system: System, motion: Motion, work_by_force: Mapping[str, Array]) -> dict[str, Array]:

@@ -37,7 +37,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         status, message = str(note["status"]), str(note["message"])
         names, adjustments = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
         stats, made_with, engine = dict(note["stats"]), dict(note["versions"]), str(note.get("engine", "pinocchio"))
-        t0 = float(note.get("t0", 0.0))
+        t0, doubts = float(note.get("t0", 0.0)), tuple(map(str, note.get("doubts", ())))
     except (KeyError, TypeError, ValueError) as error:
         raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
     system = make_system(build(scene), run, inputs=names or None)
@@ -58,7 +58,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise TrajectoryError(f"{path}: its states are damaged: directions do not have length 1")
     t, states, inputs, branch = (arrays[name] for name in ARRAYS)
     made = Trajectory(
-        system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, stats, made_with, t0
-    )
+        system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, stats, made_with, t0,
+        doubts,
+    )  # fmt: skip
     made.__dict__["system"] = system
     return made

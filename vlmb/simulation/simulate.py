@@ -138,6 +138,8 @@ def _kept(make: Callable[[], Trajectory]) -> Trajectory:
 def run_options(scene: Scene, **changes: Any) -> Run:
     """Return the scene's `[run]` with arguments put over it (None: as in the scene), checked like a scene file's."""
     given = {key: value for key, value in changes.items() if value is not None}
+    if not given:
+        return scene.run
     data = scene.to_dict()
     return Scene.from_dict({**data, "run": {**data.get("run", {}), **given}}, "arguments").run
 

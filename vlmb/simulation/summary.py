@@ -33,6 +33,8 @@ class Told(Protocol):
     @property
     def adjustments(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
+    def doubts(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
     def stats(self) -> dict[str, Any]: ...  # noqa: D102
     @property
     def residuals(self) -> Mapping[str, Any]: ...  # noqa: D102
@@ -53,7 +55,8 @@ def summarize(trajectory: Told, programme: str) -> str:
     options = f"step {run.step or DEFAULT_STEP:g} s" if fixed else f"rtol {run.rtol:g}, atol {run.atol:g}"
     off = float(np.abs(trajectory["balance"]).max())
     share = off / max(float(trajectory["kinetic"].max()), 1e-300)
-    lines = [
+    lines = [f"DOUBTFUL  {doubt}" for doubt in trajectory.doubts]
+    lines += [
         f"{'FAILED  ' if trajectory.status == 'failed' else ''}{trajectory.scene.name}: {trajectory.message}",
         f"  simulated        {lasted:.6g} s in {wall:.3g} s ({lasted / wall:.3g} times real time)",
         f"  method           {run.method} ({options}), {trajectory.stats['steps']} steps, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,8 +28,9 @@ from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.scene.written import as_numbers
 from vlmb.simulation.columns import columns, to_pandas, to_xarray
+from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
-from vlmb.simulation.histories import energies_along, forces_along
+from vlmb.simulation.histories import energies_along, forces_along, work_by_force
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
@@ -49,7 +51,8 @@ class Trajectory(Remade, Displayed):
     """Samples of a motion: t (N,) [s], and how they were made; Pinocchio's q (N, nq), v (N, nv); work (N, W) [J].
 
     trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`. All arrays
-    are read-only. A pickle or a file carries the forces that a control gave, not the control.
+    are read-only. `doubts` is empty where nothing that was recorded contradicts itself. A pickle or a file carries the forces
+    that a control gave, not the control.
     """
 
     mechanism: Mechanism
@@ -66,6 +69,7 @@ class Trajectory(Remade, Displayed):
     stats: dict[str, Any]
     versions: dict[str, str]
     t0: float = 0.0  # [s] of the start
+    doubts: tuple[str, ...] = ()  # contradictions in what was recorded, in sentences
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -82,11 +86,14 @@ class Trajectory(Remade, Displayed):
         inputs, branch = engine.sampled(recorded.t, recorded.states)
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
+        motion = Motion(system, engine.name, t, states, branch)
+        energies = energies_along(system, motion, work_by_force(system, motion))
+        doubts = () if status == "failed" else doubts_of(system, motion, inputs, energies)
         made = Trajectory(
             system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
-            stats, versions(), float(t0),
+            stats, versions(), float(t0), doubts,
         )  # fmt: skip
-        made.__dict__["system"] = system  # nothing is compiled again
+        made.__dict__.update(system=system, _motion=motion, _energies=energies)  # nothing is compiled or computed again
         return made
 
     @cached_property
@@ -138,7 +145,8 @@ class Trajectory(Remade, Displayed):
         return len(self.t)
 
     def __repr__(self) -> str:
-        parts = [f"{len(self)} samples, {self.message.rstrip('.')}", self.mechanism.names.shown]
+        parts = [f"{len(self)} samples, {self.message.rstrip('.')}", *(f"DOUBT: {doubt}" for doubt in self.doubts)]
+        parts += [self.mechanism.names.shown]
         for what, mapping in (("controls", self.controls), ("reactions", self.reactions)):
             parts += [f"{what} {listed(tuple(mapping))}"] if mapping else []
         return f"<Trajectory of {self.scene.name!r}: {'; '.join(parts)}>"
@@ -230,7 +238,7 @@ class Trajectory(Remade, Displayed):
     @property
     def work_by_force(self) -> dict[str, Array]:
         """Work (N,) [J] done by each applied force and prescribed segment, and lost in dampers (`dissipation`)."""
-        return {name: self.work[:, k] for k, name in enumerate(self.system.work_names)}
+        return work_by_force(self.system, self._motion)
 
     @property
     def _coordinates(self) -> tuple[Array, Array]:
@@ -254,7 +262,7 @@ class Trajectory(Remade, Displayed):
         note = {
             "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
-            "engine": self.engine, "t0": self.t0,
+            "engine": self.engine, "t0": self.t0, "doubts": self.doubts,
         }  # fmt: skip
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
@@ -288,6 +296,11 @@ class Trajectory(Remade, Displayed):
 
 def versions() -> dict[str, str]:
     """Versions that a run depends on."""
+    return dict(_versions())
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
     return {
         "vlmb": __version__, "pinocchio": pin.__version__, "numpy": np.__version__, "scipy": scipy.__version__,
         "python": platform.python_version(),

@@ -7,8 +7,9 @@ the link. A torque along d_i would spin a thin rod up, so none is ever applied. 
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.joints import forces_of_joints
-from vlmb.errors import SceneError, SimulationError
+from vlmb.errors import SceneError, SimulationError, nearest
 from vlmb.model.arrays import pinocchio_states
 from vlmb.model.frozen import read_only
 from vlmb.model.laws import tape_breaks
@@ -34,11 +35,10 @@ Array = NDArray[np.float64]
 Control = Callable[[float, "StateView"], Mapping[str, float]]
 
 
-
 class StateView:
     """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, points such as `legs.tip.z`.
 
-    `values` and Pinocchio's `q`, `v` are read-only copies.
+    Iterating gives every name, `name in view` tells of one. `values` and Pinocchio's `q`, `v` are read-only copies.
     """
 
     def __init__(
@@ -53,10 +53,40 @@ class StateView:
         self.values: Mapping[str, float] = MappingProxyType(named)
 
     def __getitem__(self, name: str) -> float:
+        if not isinstance(name, str):
+            raise SceneError(f"control: view[{name!r:.80}]: a name is needed, such as view['psi1']")
         if name in self.values:
             return self.values[name]
-        quantity = self.mechanism.names.find(name, "control")
-        return float(self.postures.read(quantity, self.coordinates, self.rates))
+        if name not in self.mechanism.names:
+            raise SceneError(f"control: unknown name {name!r:.80}; {self._hint(name)}")
+        return float(self.postures.read(self.mechanism.names.find(name), self.coordinates, self.rates))
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in self.values or name in self.mechanism.names)
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._own
+        yield from self.mechanism.names
+
+    def keys(self) -> list[str]:
+        """Every name that `view[...]` knows."""
+        return list(self)
+
+    def __repr__(self) -> str:
+        return f"<StateView at t = {self.t:.6g} s: {self.mechanism.names.shown}; `list(view)` has every name>"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return self.keys()
+
+    @property
+    def _own(self) -> tuple[str, ...]:
+        """Names that are no quantities of the mechanism."""
+        return ("t", *self.mechanism.scene.parameters)
+
+    def _hint(self, name: str) -> str:
+        """Say which names come nearest: a parameter's, or what the mechanism says."""
+        close = difflib.get_close_matches(name, self._own, n=1, cutoff=0.7)
+        return nearest(name, close) if close else self.mechanism.names.hint(name)
 
     @cached_property
     def state(self) -> State:
