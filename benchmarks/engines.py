@@ -30,7 +30,7 @@ PACKAGES = ("pin", "numpy", "scipy", "mujoco", "casadi", "sympy", "drake", "exud
 def one(name: str) -> dict[str, Any]:
     """Measure a scene; add what peers say of setting it up."""
     repeats, budget = SCENES[name]
-    extra = one_scene(name, PEERS, methods=["adams"], repeats=repeats, budget=budget)[1]
+    extra = one_scene(name, PEERS, methods=["dop853"], repeats=repeats, budget=budget)[1]
     for peer in PEERS:
         extra["notes"] += getattr(sys.modules.get(f"peers.{peer}"), "NOTES", [])
     return extra

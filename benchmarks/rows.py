@@ -1,4 +1,4 @@
-"""Rows, programmes, forms of the knife edge and ensembles beside the frozen baseline: evaluations, runs, set-ups.
+"""Rows, programmes and forms of the knife edge beside the frozen baseline: evaluations, runs, set-ups.
 
 Usage: python benchmarks/rows.py
 
@@ -95,20 +95,6 @@ TWO_FEET: dict[str, Any] = {
     "constraints": ["right.tip.x = 0.5", "right.tip.y = 0.0", "right.tip.z = 0.0"],
     "start": {"psi1": 1.28, "psi2": -1.28, "psi3": 1.5, "phi1_dot": 0.3}, "run": {"duration": 2.0},
 }  # fmt: skip
-ENSEMBLE_OLD = """
-scene = vlmb.load_scene("models/one_link.toml").to_dict() | {{"expect": {{}}}}
-def once():
-    for k in range({runs}):
-        scene["start"]["psi1"] = 0.3 + 1e-3*k
-        vlmb.simulate(vlmb.Scene.from_dict(scene), duration=5.0)
-"""
-ENSEMBLE_NEW = """
-scene = vlmb.load_scene("models/one_link.toml")
-def once():
-    for k in range({runs}):
-        vlmb.simulate(scene.changed_at({{"start.psi1": 0.3 + 1e-3*k}}), duration=5.0)
-"""
-RUNS = 100  # of an ensemble
 
 
 def evaluation(scene: Any, form: str | None = None) -> dict[str, float]:
@@ -142,16 +128,13 @@ def main() -> None:
         "5 s of the four-bar, rtol 1e-8": compare(LOOP.format(scene=FOUR_BAR, duration=5.0, rtol=1e-8)),
         "2 s on two feet, rtol 1e-8": compare(LOOP.format(scene=TWO_FEET, duration=2.0, rtol=1e-8)),
         "what a programme adds to a start": set_up("models/skier_slalom.toml"),
-        f"{RUNS} runs of one link, 5 s, set-up included": compare(
-            ENSEMBLE_NEW.format(runs=RUNS), ENSEMBLE_OLD.format(runs=RUNS), repeats=3
-        ),
     }  # fmt: skip
     rows = [
         (name, *(f"{1e6 * entry[side]:.4g}" for side in ("old", "new")), f"1/{1.0 / entry['ratio']:.1f}")
         for name, entry in found.items()
     ]
     parts = [
-        "# Rows, programmes and ensembles beside the frozen baseline",
+        "# Rows and programmes beside the frozen baseline",
         f"Processor time of this vlmb over that of commit {SHORT}, taken in turn.",
         table(("what", "old, us", "new, us", "new / old"), rows),
     ]

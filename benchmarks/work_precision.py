@@ -212,7 +212,7 @@ def pictures(found: dict[str, tuple[Measured, dict[str, Any]]]) -> None:
     def forms(figure: Any) -> None:
         axes = list(figure.subplots(1, 3))
         entry = found["skier, spring link"][0]
-        kept = [e for e in entry.entries if e.variant.method == "adams"]
+        kept = [e for e in entry.entries if e.variant.method == "dop853"]
         only = Measured(entry.name, entry.duration, entry.reference, entry.uncertainty, kept, [])
         for panel, quantity in zip(axes, ("position", "reaction", "energy"), strict=True):
             draw(panel, only, "seconds", quantity, forms=True)

@@ -219,3 +219,18 @@ def test_a_branch_is_an_argument_and_a_result() -> None:
     branch, _ = second.accept(0.0, y)
     np.testing.assert_allclose(branch, list(start.coordinates.values()), rtol=0, atol=1e-12)
     assert branch == second.branch
+
+
+def test_an_ensemble_in_threads_equals_one_in_a_row_bit_for_bit() -> None:
+    scene = vlmb.load_scene(MODELS / "one_link.toml")
+
+    def motion(k: int) -> np.ndarray:
+        run = vlmb.simulate(scene.changed_at({"links.0.lower.stiffness": 300.0 + k, "start.psi1": 0.1 + 1e-3 * k}), duration=1.0)
+        assert run.engine == "core"
+        return np.hstack([run.q, run.v, run["energy"][:, None]])
+
+    alone = [motion(k) for k in range(24)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(motion, range(24)))
+    for ours, theirs in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(ours, theirs)

@@ -64,7 +64,7 @@ def test_a_dataset_holds_the_same(skier: vlmb.Trajectory) -> None:
         np.testing.assert_array_equal(made[name], frame[name], err_msg=str(name))
         assert made[name].attrs == {"units": frame.attrs["units"][name]}
     assert made["t"].attrs == {"units": "s"}
-    assert {"scene": "scene", "status": "finished", "method": "adams", "vlmb": vlmb.__version__}.items() <= made.attrs.items()
+    assert {"scene": "scene", "status": "finished", "method": "dop853", "vlmb": vlmb.__version__}.items() <= made.attrs.items()
     made["x"][:] = 0.0
     assert skier["x"][-1] != 0.0
 

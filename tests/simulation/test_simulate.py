@@ -558,7 +558,7 @@ def test_a_scene_without_a_ski_has_no_reactions() -> None:
 def test_the_summary_has_the_figures(skier: vlmb.Trajectory) -> None:
     text = skier.summary()
     for part in (
-        "a skier", "finished at t = 0.6 s", "adams", "rtol 1e-08", "atol 1e-10", f"{skier.stats['steps']} steps",
+        "a skier", "finished at t = 0.6 s", "dop853", "rtol 1e-08", "atol 1e-10", f"{skier.stats['steps']} steps",
         f"{skier.stats['rhs_evaluations']} right-hand sides", "times real time", "energy balance", "knife_edge", "edge force",
         "normal force", "M_psi1", "F1_2",
     ):  # fmt: skip

@@ -105,7 +105,7 @@ def test_a_spring_by_law_in_closed_form(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_switch_of_the_state_is_not_stepped_over(engine: str) -> None:
-    """Free fall from 2 m; from 1 m on a push: z' and z have a closed form on either side, at any tolerance."""
+    """Free fall from 2 m; from 1 m on a push: z' and z have a closed form on either side, to the absolute tolerance."""
     body = {"name": "body", "rod": {"length": 0.2, "mass": 2.0}}
     made = vlmb.Scene.from_dict({
         "base": {"kind": "free"}, "links": [body], "gravity": 10.0,
@@ -117,7 +117,7 @@ def test_a_switch_of_the_state_is_not_stepped_over(engine: str) -> None:
     before = 2.0 - 5.0 * run.t**2
     late = run.t - first
     after = 1.0 - 10.0 * first * late + 10.0 * late**2
-    np.testing.assert_allclose(run["z"], np.where(late < 0.0, before, after), atol=1e-9)
+    np.testing.assert_allclose(run["z"], np.where(late < 0.0, before, after), rtol=0, atol=2e-7)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -133,7 +133,7 @@ class Run(Table, frozen=True, kw_only=True):
     """How to integrate; every key can be overridden by an argument of `simulate`."""
 
     duration: Positive = 5.0  # [s]
-    method: Literal["euler", "rk4", "gauss", "dop853", "adams", "bdf", "radau"] = "adams"
+    method: Literal["euler", "rk4", "gauss", "dop853", "adams", "bdf", "radau"] = "dop853"
     rtol: Annotated[float, msgspec.Meta(ge=3e-14)] = 1e-8  # smaller ones are beyond double precision
     atol: Positive = 1e-10
     step: Positive | None = None  # [s], fixed-step methods

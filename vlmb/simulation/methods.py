@@ -25,8 +25,8 @@ METHODS = {
         Method("euler", 1, False, "the paper's first-order scheme; for comparison", "euler"),
         Method("rk4", 4, False, "fixed steps, known cost", "rk4"),
         Method("gauss", 4, False, "long runs: energy error stays bounded", "gauss"),
-        Method("dop853", 8, True, "smooth motions at tight tolerances", "dop853"),
-        Method("adams", 12, True, "smooth motions; fewest right-hand sides", "adams"),
+        Method("dop853", 8, True, "smooth motions at any tolerance", "dop853"),
+        Method("adams", 12, True, "fewest right-hand sides: where a control in Python takes the time", "adams"),
         Method("bdf", 5, True, "the name that stiff scenes had before radau served them all", "radau", True),
         Method("radau", 5, True, "stiff scenes", "radau", True),
     )
