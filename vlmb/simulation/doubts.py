@@ -55,7 +55,7 @@ def of_energy(energies: Mapping[str, Array], run: Run) -> list[str]:
 
 
 def of_rows(residuals: Mapping[str, tuple[Array | None, Array]], rates: float, run: Run) -> list[str]:
-    """Say which equations do not hold: position and velocity errors (N,) by name; `rates` is the largest of the motion."""
+    """Say which equations do not hold: position and velocity errors by name; `rates` is the largest of the motion."""
     allowed, found = share_allowed(run), []
     for name, (position, velocity) in residuals.items():
         off, slip = 0.0 if position is None else largest(position), largest(velocity)

@@ -23,6 +23,8 @@ from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
+LOOKS = 50  # samples at which equations are looked at for doubts: their errors grow, they do not flash up
+
 
 def forces_along(
     system: System, t: Array, q: Array, v: Array, work: Array, values: Array, inputs: Array, failed: bool
@@ -101,7 +103,7 @@ def slopes_along(system: System, motion: Motion, inputs: Array) -> tuple[Array, 
 
 
 def held_along(system: System, motion: Motion) -> dict[str, tuple[Array | None, Array]]:
-    """Position and velocity errors (N,) of what ideal rows hold, by name, and of a knife edge that a multiplier holds."""
+    """Position and velocity errors (LOOKS at most,) of what ideal rows hold, by name; (N,) of a knife edge by a multiplier."""
     found: dict[str, tuple[Array | None, Array]] = {}
     if system.knife_edge == "multiplier":
         found["knife_edge"] = None, motion.pinocchio[1][:, SIDEWAYS]
@@ -109,11 +111,12 @@ def held_along(system: System, motion: Motion) -> dict[str, tuple[Array | None, 
     if system.constraints is None or not ideal:
         return found
     (q, v), values, frames = motion.pinocchio, motion.coordinates[0], LinkFrames(system.mechanism)
-    errors = np.empty((2, len(motion.t), len(ideal)))
-    for i, t in enumerate(motion.t.tolist()):
+    looks = np.linspace(0.0, len(motion.t) - 1.0, min(len(motion.t), LOOKS)).round().astype(int).tolist()
+    errors = np.empty((2, len(looks), len(ideal)))
+    for k, i in enumerate(looks):
         frames.update(q[i])
-        rows = system.constraints.evaluate(frames, t, q[i], v[i], values[i], range(len(ideal)))
-        errors[:, i] = rows.z, rows.rate
+        rows = system.constraints.evaluate(frames, float(motion.t[i]), q[i], v[i], values[i], range(len(ideal)))
+        errors[:, k] = rows.z, rows.rate
     for k, row in enumerate(ideal):
         found[row.name] = errors[0, :, k] if system.info[k].holonomic else None, errors[1, :, k]
     return found
