@@ -1,6 +1,7 @@
 """Other engines beside the default method and the plain Pinocchio loop, on the same scenes in the same turns.
 
-Usage: python benchmarks/engines.py; needs `pip install vlmb[benchmarks]`, and a C compiler for CasADi.
+Usage: python benchmarks/engines.py [SCENE ...]; needs `pip install vlmb[benchmarks]`, and a C compiler for CasADi. Some scenes are
+printed; all together are written to benchmarks/results.
 """
 
 from __future__ import annotations
@@ -102,8 +103,12 @@ def draw(figure: Any, found: dict[str, dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """Measure, write the report and the picture."""
-    found = {name: one(name) for name in SCENES}
+    """Measure; write the report and the picture when all scenes were measured."""
+    names = sys.argv[1:]
+    found = {name: one(name) for name in names or SCENES}
+    if names:
+        print(report(found))
+        return
     write_report("engines", [report(found)], found, PACKAGES, (lambda figure: draw(figure, found), 11.0, 7.4))
 
 

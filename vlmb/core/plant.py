@@ -193,7 +193,7 @@ def onto_edge(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> in
     return code
 
 
-@kernel(copied=True)
+@kernel
 def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Add what rows and controls bring to the accelerations, and to the forces that driven lengths take; return a code."""
     rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
