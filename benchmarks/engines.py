@@ -1,7 +1,7 @@
 """Other engines beside the default method and the plain Pinocchio loop, on the same scenes in the same turns.
 
-Usage: python benchmarks/engines.py [SCENE ...]; needs `pip install vlmb[benchmarks]`, and a C compiler for CasADi. Some scenes are
-printed; all together are written to benchmarks/results.
+Usage: python benchmarks/engines.py [SCENE ...]; needs `pip install vlmb[benchmarks]`, and a C compiler for CasADi. Some scenes
+are printed; all together are written to benchmarks/results.
 """
 
 from __future__ import annotations
