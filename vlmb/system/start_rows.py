@@ -139,7 +139,8 @@ def meet_positions(
     if found is None and ideal:
         found = _attempts(search, ideal, some, start, loud, _stages(mechanism, names, sets))
         if found is None:
-            raise _no_posture(ideal, np.abs(search.residual(ideal, start)))
+            lacking = np.abs([search.residual(ideal, start), search.solve(ideal, names, start, 1)[1]])
+            raise _no_posture(ideal, lacking.max(axis=0))  # where a whole search ends, at a pole, what is left may look small
     posture, leaned = found or (start, [])
     coordinates.update(posture)
     moved = [name for name in names if abs(coordinates[name] - search.given[name]) > HELD]

@@ -86,7 +86,9 @@ class Search(NamedTuple):
         """Return what the holonomic rows lack (r,)."""
         return np.concatenate([entry.values(posture, {}).z[entry.holonomic] for entry in chosen])
 
-    def solve(self, chosen: Sequence[Rows], free: Collection[str], start: Posture) -> tuple[Posture, Array]:
+    def solve(
+        self, chosen: Sequence[Rows], free: Collection[str], start: Posture, iterations: int = ITERATIONS
+    ) -> tuple[Posture, Array]:
         """Move free coordinates as little as needed from `start`; return where they end, and the residual there."""
         names = list(free)
         limits = np.array([self.bounds_of(name) for name in names]).reshape(-1, 2)
@@ -94,7 +96,7 @@ class Search(NamedTuple):
         posture = dict(start)
         angles = np.array([name.startswith(("phi", "psi")) for name in names], dtype=bool)
         error, matrix = self._linear(chosen, posture)
-        for _ in range(ITERATIONS):
+        for _ in range(iterations):
             size = float(np.linalg.norm(error))
             if size < 1e-14:
                 break
