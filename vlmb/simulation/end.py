@@ -18,7 +18,7 @@ from vlmb.model.reading import Postures
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene
 from vlmb.system.start import Start
-from vlmb.system.start_rows import HELD
+from vlmb.system.start_search import HELD
 
 Array = NDArray[np.float64]
 

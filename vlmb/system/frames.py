@@ -38,15 +38,21 @@ class LinkFrames:
         return pin.crba(self.mechanism.model, self.data, q, pin.Convention.WORLD)
 
     @cached_property
+    def _axes(self) -> Array:
+        """The world's Jacobian (6, nv); of a single velocity it comes flat."""
+        axes: Array = self.data.J.reshape(6, -1, order="F")
+        return axes
+
+    @cached_property
     def angular(self) -> Array:
         """Axes of all velocities in the surface frame (3, nv)."""
-        angular: Array = self.data.J[3:6]
+        angular: Array = self._axes[3:6]
         return angular
 
     @cached_property
     def turning(self) -> Array:
         """The world's Jacobian, transposed (nv, 6): the last three columns are what each velocity turns about."""
-        turning: Array = self.data.J.T
+        turning: Array = self._axes.T
         return turning
 
     @cached_property

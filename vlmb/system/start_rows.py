@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, SimulationError, SingularError
+from vlmb.errors import SceneError, SingularError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.constraints import Constraint, ConstraintSet, RowValues
 from vlmb.system.frames import LinkFrames
+from vlmb.system.start_search import HELD, LEAN, Posture, Search
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
-HELD = 1e-9  # a residual below this counts as zero
-ITERATIONS, NUDGE = 60, 1e-6
+LOUD = "MOVED FAR"  # before what a start says of a given value or a length that is no longer near what it was
 ALIKE = 1e-5  # rows whose directions differ by less are told: a little below, the dynamics take them for one
 FAR = 1.0  # [rad] between two azimuths that shall be equal
-LEAN = 0.3  # [rad] where the search begins for a link whose azimuth matters and whose elevation is not given
 
 
 class RowSet(NamedTuple):
@@ -113,83 +112,109 @@ def _bring_azimuths_near(coordinates: dict[str, float], sets: list[RowSet]) -> N
 def meet_positions(
     mechanism: Mechanism, followed: set[str], coordinates: dict[str, float], sets: list[RowSet]
 ) -> list[str]:
-    """Solve the holonomic rows for the coordinates that were not given; then, for ideal rows, for all."""
+    """Solve the holonomic rows for the coordinates that were not given; then, for ideal rows, for all.
+
+    Angles move before lengths, lengths before the place. Every attempt begins from what was given. A posture in which a length
+    or a given angle has moved far is taken only if no other attempt finds one. A link at the vertical is leaned towards its
+    azimuth only if no attempt finds one without.
+    """
     if not any(entry.holonomic.any() for entry in sets):
         return []
     names = [name for name in mechanism.layout.names if name not in followed]
-    unset = [name for name in names if name not in given_values(mechanism)]
-    before = dict(coordinates)
-    _bring_azimuths_near(coordinates, sets)
-
-    def residual(chosen: list[RowSet]) -> Array:
-        parts = [entry.values(coordinates, {}).z[entry.holonomic] for entry in chosen]
-        return np.concatenate(parts)
-
+    given = given_values(mechanism)
+    unset = [name for name in names if name not in given]
+    search = Search(mechanism, dict(coordinates))
+    start = dict(coordinates)
+    _bring_azimuths_near(start, sets)
     try:
-        residual(sets)
+        search.residual(sets, start)
     except SingularError:
         for name in unset:  # an azimuth needs a link off the pole
             if name.startswith("psi"):
-                coordinates[name] -= LEAN
-    for free in ([name for name in unset if name not in "xyz"], unset):  # the place moves only if nothing else can
-        if free and np.abs(residual(sets)).max() > HELD:
-            _solve(mechanism, coordinates, free, lambda: residual(sets))
-    ideal = [entry for entry in sets if entry.ideal]
-    if ideal and np.abs(residual(ideal)).max(initial=0.0) > HELD:
-        least = np.abs(residual(ideal))  # what is left may look small where the search ends, at a pole
-        _solve(mechanism, coordinates, names, lambda: residual(ideal))
-        if np.abs(residual(ideal)).max() > HELD:
-            texts = [text for entry in ideal for text, flag in zip(entry.texts, entry.holonomic, strict=True) if flag]
-            off = [(text, e) for text, e in zip(texts, least, strict=True) if e > 0.1 * least.max()]
-            worst = " and ".join(f"{text!r} (off by {e:.3g})" for text, e in off)
-            raise SceneError(
-                f"start: no posture near it meets the constraints {', '.join(map(repr, texts))} together: {worst}; "
-                "give a start nearer to them, or drop one that contradicts another"
-            )
-    adjustments = [
-        _moved(name, coordinates[name], None if name in unset else before[name])
-        for name in names
-        if abs(coordinates[name] - before[name]) > HELD
-    ]
-    servo = [entry for entry in sets if not entry.ideal]
-    if servo:
-        error = np.abs(residual(servo))
-        texts = [text for entry in servo for text, flag in zip(entry.texts, entry.holonomic, strict=True) if flag]
-        off = [(text, e) for text, e in zip(texts, error, strict=True) if e > HELD]
-        adjustments += [f"start: {text!r} is off by {e:.3g}; the error decays" for text, e in off]
+                start[name] -= LEAN
+    loud = {name for name in names if name in given or name.startswith("xi")}
+    ideal = [entry for entry in sets if entry.ideal and entry.holonomic.any()]
+    some = _stages(mechanism, unset, sets)
+    found = _attempts(search, sets, some, start, loud, [] if len(sets) > len(ideal) else _stages(mechanism, names, sets))
+    if found is None and ideal:
+        found = _attempts(search, ideal, some, start, loud, _stages(mechanism, names, sets))
+        if found is None:
+            lacking = np.abs([search.residual(ideal, start), search.solve(ideal, names, start, 1)[1]])
+            raise _no_posture(ideal, lacking.max(axis=0))  # where a whole search ends, at a pole, what is left may look small
+    posture, leaned = found or (start, [])
+    coordinates.update(posture)
+    moved = [name for name in names if abs(coordinates[name] - search.given[name]) > HELD]
+    adjustments = []
+    for name in moved:
+        far = search.far(name, coordinates[name]) if name in loud else ""
+        adjustments.append(_moved(name, coordinates[name], search.given[name] if name in given else None, far))
+    adjustments.sort(key=lambda text: LOUD not in text)
+    adjustments += [_chose_side(mechanism, name, coordinates) for name in leaned]
+    for entry in sets:
+        if not entry.ideal and entry.holonomic.any():
+            error = np.abs(search.residual([entry], coordinates))
+            texts = [text for text, flag in zip(entry.texts, entry.holonomic, strict=True) if flag]
+            off = [(text, e) for text, e in zip(texts, error, strict=True) if e > HELD]
+            adjustments += [f"start: {text!r} is off by {e:.3g}; the error decays" for text, e in off]
     return adjustments
 
 
-def _solve(mechanism: Mechanism, coordinates: dict[str, float], names: list[str], residual: Callable[[], Array]) -> None:
-    """Move named coordinates as little as needed to make a residual zero: Gauss-Newton of least norm, shortened where needed."""
-    lengths = [c for c in mechanism.layout.coordinates if c.kind == "xi"]
-    bounds = {c.name: mechanism.segment(c).bounds for c in lengths}
+def _stages(mechanism: Mechanism, names: list[str], sets: list[RowSet]) -> list[list[str]]:
+    """What moves first, and what with it if that does not do: angles, lengths, the place; a heading with it that no row names."""
+    known = mechanism.names
+    read = {known.find(name).kind for entry in sets for row in entry.info for name in row.names if name in known}
+    place = {"x", "y", "z"} if "phi0" in read else {"x", "y", "z", "phi0"}
+    inner = [name for name in names if name not in place]
+    stages = ([name for name in inner if not name.startswith("xi")], inner, names)
+    return [stage for at, stage in enumerate(stages) if stage and stage not in stages[:at]]
 
-    def at(point: Array) -> Array:
-        for name, value in zip(names, point.tolist(), strict=True):
-            low, high = bounds.get(name, (-math.inf, math.inf))
-            coordinates[name] = min(max(value, low), high)
-        try:
-            return residual()
-        except (SingularError, SimulationError):
-            return error * 10.0
 
-    point = np.array([coordinates[name] for name in names])
-    error = residual()
-    for _ in range(ITERATIONS):
-        size = float(np.linalg.norm(error))
-        if size < 1e-14:
-            break
-        matrix = np.column_stack([(at(point + h) - at(point - h)) / (2.0 * NUDGE) for h in NUDGE * np.eye(len(names))])
-        step = np.linalg.lstsq(matrix, -error, rcond=1e-8)[0]
-        for share in (1.0, 0.5, 0.25, 0.1, 0.02):
-            trial = at(point + share * step)
-            if np.linalg.norm(trial) < size:
-                point, error = np.array([coordinates[name] for name in names]), trial
-                break
-        else:
-            break
-    at(point)
+def _attempts(
+    search: Search, chosen: list[RowSet], some: list[list[str]], start: Posture, loud: set[str], every: list[list[str]]
+) -> tuple[Posture, list[str]] | None:
+    """Return the first posture that meets the rows with nothing moved far, and the links that were leaned.
+
+    Else the first one without a length at its limit, else the first.
+    If none does, a programme has the nearest that moves no length far and holds the ideal rows; ideal rows alone have None.
+    """
+    if np.abs(search.residual(chosen, start)).max() <= HELD:
+        return start, []
+    ideal = [entry for entry in chosen if entry.ideal and entry.holonomic.any()]
+    second, limited, near, least = None, False, None, math.inf
+    for leaning in (False, True):
+        for free in (*some, *every):
+            begin = dict(start)
+            leaned = search.off_poles(chosen, free, begin) if leaning else []
+            if leaning and not leaned:
+                continue
+            posture, error = search.solve(chosen, free, begin)
+            quiet = not any(search.far(name, posture[name]) for name in loud)
+            if np.abs(error).max() <= HELD:
+                if quiet:
+                    return posture, leaned
+                at_limit = search.at_limit(posture)
+                if second is None or (limited and not at_limit):
+                    second, limited = (posture, leaned), at_limit
+                continue
+            nearer = len(chosen) > len(ideal) and quiet and np.linalg.norm(error) < least * (1.0 - 1e-6)
+            if nearer and (not ideal or np.abs(search.residual(ideal, posture)).max() <= HELD):
+                near, least = (posture, leaned), float(np.linalg.norm(error))
+    return second or near
+
+
+def _chose_side(mechanism: Mechanism, psi: str, coordinates: Posture) -> str:
+    phi = psi.replace("psi", "phi")
+    side = "x" if mechanism.layout.plane else f"its azimuth, {phi} = {coordinates[phi]:.6g}"
+    return f"start: at the vertical the equations choose no side for {psi}: the link leans towards {side}"
+
+
+def _no_posture(ideal: list[RowSet], error: Array) -> SceneError:
+    texts = [text for entry in ideal for text, flag in zip(entry.texts, entry.holonomic, strict=True) if flag]
+    worst = " and ".join(f"{text!r} (off by {e:.3g})" for text, e in zip(texts, error, strict=True) if e > 0.1 * error.max())
+    return SceneError(
+        f"start: no posture near it meets the constraints {', '.join(map(repr, texts))} together: {worst}; "
+        "give a start nearer to them, or drop one that contradicts another"
+    )
 
 
 def meet_rates(
@@ -249,5 +274,6 @@ def meet_rates(
     return adjustments
 
 
-def _moved(name: str, value: float, given: float | None) -> str:
-    return f"start: {name} = {value:.9g} so that the equations hold" + ("" if given is None else f" (given: {given:.9g})")
+def _moved(name: str, value: float, given: float | None, far: str = "") -> str:
+    said = f"start: {name} = {value:.9g} so that the equations hold" + ("" if given is None else f" (given: {given:.9g})")
+    return f"{said}: {LOUD}, {far}" if far else said
