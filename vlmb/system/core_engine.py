@@ -82,9 +82,9 @@ class CoreEngine:
 
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
-        if self.programme is not None and not self.grip:
-            self.accept(float(driver.real[TIME]), driver.point)
         if self.reader is None:
+            if self.programme is not None and not self.grip:
+                self.accept(float(driver.real[TIME]), driver.point)
             if self.plan.reads_angles and not len(self.memory.branches):
                 self.memory = self.memory._replace(branches=np.zeros((len(driver.times), *self.memory.reference.shape)))
             return run(self.plan.plant, self.memory, driver, bounds, h_max)

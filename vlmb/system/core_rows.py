@@ -17,7 +17,6 @@ from vlmb.core.row_arrays import (
     HELD,
     IDEAL,
     PROJECTED,
-    REPEATING,
     SECOND,
     SERVO,
     WORK,
@@ -86,8 +85,3 @@ def solved_programme(rows: Rows, memory: RowMemory) -> tuple[Array, Array]:
     space = parts(sizes, memory)
     last = int(sizes.ideal + sizes.servo)
     return np.array(space.matrix[: sizes.servo, : sizes.controls]), np.array(space.wanted[sizes.ideal : last])
-
-
-def repeating(rows: Rows, memory: RowMemory) -> bool:
-    """Whether rows of the programme repeated each other, or an ideal one, at the last solution."""
-    return bool(parts(sizes_of(rows), memory).state[REPEATING])
