@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vlmb.core.calls import state_at
 from vlmb.core.driver import DIRECTION, HIT, RATE, RATE_BEFORE, SIDE, T_NEW, TIME_BEFORE, VALUE, VALUE_BEFORE, Array, Driver, H
 from vlmb.core.indicators import leaves, sign, turning_points
-from vlmb.core.samples import state_at
 
 LOOKS = 8  # evenly spaced looks at an indicator in the step, besides those where its cubic turns
 NEAREST = 1e-8  # of a turning point, relative to the larger of t and the step: its value is then right to rounding

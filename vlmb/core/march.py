@@ -94,7 +94,13 @@ AFTER_FAILURE = 0.25  # factor of a step where f has no answer
 
 @kernel
 def march(driver: Driver) -> int:
-    """Go on to the next thing that is asked of the caller; return its code.
+    """Go on to the next thing that is asked of the caller; return its code."""
+    return march_here(driver)
+
+
+@kernel(inline=True)
+def march_here(driver: Driver) -> int:
+    """`march` within a kernel: to hand over the arrays of a driver takes as long as a stage of dop853.
 
     A method answers EVALUATE; ACCEPTED with the rows Y_NEW and F_NEW, and H_NEXT; REJECTED with H_NEXT; READY: its dense output
     may be asked; DIVERGED.

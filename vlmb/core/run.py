@@ -21,7 +21,7 @@ from vlmb.core.driver import (
     Driver,
 )  # fmt: skip
 from vlmb.core.jit import kernel
-from vlmb.core.march import march
+from vlmb.core.march import march_here
 from vlmb.core.places import link_direction
 from vlmb.core.plant import (
     BOUND,
@@ -63,7 +63,7 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
     if answers[PHASE] == AT_START:
         accept_here(plant, memory, driver.point)
     while code in (EVALUATE, INDICATE):
-        code = march(driver)
+        code = march_here(driver)
         if memory.branches.shape[0] > 0:
             keep_branches(memory, answers[NEXT_SAMPLE])
         if code == EVALUATE:

@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.calls import begin, resume, state_at
 from vlmb.core.driver import (
     ANSWER,
     AT_START,
@@ -33,12 +34,9 @@ from vlmb.core.driver import (
     ZERO_RATE,
     Driver,
     Y,
-    begin,
     make_driver,
-    resume,
 )  # fmt: skip
 from vlmb.core.locate import Crossing, crossings
-from vlmb.core.samples import state_at
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.methods import find_method

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.calls import accept, evaluate, indicate, longest_step, march, onto_edge, run
 from vlmb.core.driver import (
     AT_START,
     EVALUATE,
@@ -21,10 +22,8 @@ from vlmb.core.driver import (
     VALUE,
     Driver,
 )  # fmt: skip
-from vlmb.core.march import march
-from vlmb.core.plant import FROM_SIDE, SOURCES, evaluate, make_memory, onto_edge
+from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
 from vlmb.core.row_arrays import PROJECTION
-from vlmb.core.run import accept, indicate, longest_step, run
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from vlmb.core.calls import indicate, longest_step, march
 from vlmb.core.driver import (
     AT_START,
     EVALUATE,
@@ -22,9 +23,7 @@ from vlmb.core.driver import (
     VALUE,
     Driver,
 )
-from vlmb.core.march import march
 from vlmb.core.plant import make_memory
-from vlmb.core.run import indicate, longest_step
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.core_reading import CoreReading
