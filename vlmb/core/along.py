@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vlmb.core.energy import energies
 from vlmb.core.jit import kernel
-from vlmb.core.plant import COLUMN, ROW, Memory, Plant, drive, evaluate_here
+from vlmb.core.plant import COLUMN, ROW, Memory, Plant, drive, evaluate
 from vlmb.core.scratch import AXIAL
 from vlmb.core.springs import follow_springs, springs_energy
 from vlmb.core.tree import Array, Integers
@@ -45,7 +45,7 @@ def forces_along(
         for k in range(reference.shape[1]):
             memory.reference[k, 0], memory.reference[k, 1] = reference[s, k, 0], reference[s, k, 1]
         follow_springs(plant.springs, plant.tree, y[s], memory.near)
-        codes[s] = evaluate_here(plant, memory, t[s], y[s], rates[s])
+        codes[s] = evaluate(plant, memory, t[s], y[s], rates[s])
         for k in range(plant.force.shape[0]):
             values[s, k] = memory.values[k]
         for k in range(plant.driven.shape[0]):

@@ -37,5 +37,4 @@ def direct(kernel: Function) -> Function:
 
 begin, resume, state_at = direct(driver.begin), direct(driver.resume), direct(samples.state_at)
 march, run = direct(marching.march), direct(running.run)
-accept, indicate, longest_step = direct(running.accept), direct(running.indicate), direct(running.longest_step)
-evaluate, onto_edge = direct(plant.evaluate), direct(plant.onto_edge)
+onto_edge = direct(plant.onto_edge)

@@ -29,6 +29,8 @@ STUCK, FAILED, NOT_FINITE, DIVERGED, NOISY = -1, -2, -3, -4, -5
 
 # What a method answers to the march, and what the march says for it where f has no answer
 ACCEPTED, REJECTED, READY, REFUSED = 10, 11, 12, 13
+# What a caller asks of `run` beside these, at (TIME, `point`)
+LOOK, ACCEPT = 6, 7  # the indicators alone; that the branches of angles are those there
 # Phases of the march: what the next call goes on with
 AT_START, FIRST_SLOPE, FIRST_INDICATORS, PROBED, TRIAL, STAGES, INDICATED, SUSPECTED, SAMPLING, HEARD, OVER = range(11)
 GO = 100  # go on without asking

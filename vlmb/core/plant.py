@@ -93,15 +93,12 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
     return memory
 
 
-@kernel
-def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
-    """Write y' at (t, y) for y = (positions, velocities, work); return 0, or source * SOURCES + what it says."""
-    return evaluate_here(plant, memory, t, y, dy)
-
-
 @kernel(copied=True)
-def evaluate_here(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
-    """Evaluate within a kernel: every array costs a nanosecond or two to hand over, and a plant has fifty."""
+def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int:
+    """Write y' at (t, y) for y = (positions, velocities, work); return 0, or source * SOURCES + what it says.
+
+    A part of the kernel that calls it: every array costs a nanosecond or two to hand over, and a plant has fifty.
+    """
     held = plant.rows.table.shape[0] > 0
     if held and plant.rows.table[0, PROJECTED] != 0:
         code = onto_edge(plant, memory, t, y, dy)

@@ -6,13 +6,16 @@ import math
 
 from vlmb.core import tree as of
 from vlmb.core.driver import (
+    ACCEPT,
     AT_START,
     EVALUATE,
     FAILED,
     FAILURE,
     FIRST_FAILURE,
+    GO,
     H_MAX,
     INDICATE,
+    LOOK,
     NEXT_SAMPLE,
     PHASE,
     RATE,
@@ -37,7 +40,7 @@ from vlmb.core.plant import (
     Memory,
     Plant,
     drive,
-    evaluate_here,
+    evaluate,
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
 from vlmb.core.row_arrays import SIDE as DET_SIDE
@@ -54,27 +57,38 @@ BEGIN, END, LONGEST = range(3)  # columns of `bounds`
 
 
 @kernel
-def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: float) -> int:
-    """Go on to the next thing that only the caller can answer: see the codes of `driver`.
+def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: float, wanted: int) -> int:
+    """Go on to the next thing that only the caller can answer, or answer one request and return.
 
-    bounds (count, 3): from begin to end [s], in order, no step is longer than the third; h_max [s] holds everywhere.
+    Parameters
+    ----------
+    bounds : (count, 3) from begin to end [s], in order, no step is longer than the third
+    h_max : [s] holds everywhere
+    wanted : GO to march; then see the codes of `driver`. EVALUATE, INDICATE as the march asks for them, LOOK for the indicators
+        at (TIME, `point`) alone, ACCEPT for the branches of angles there: one answer, and its code is returned, or FAILED
+
+    All that is compiled for runs is this kernel: so it serves Python's single questions as well.
     """
-    answers, real, code = driver.counts, driver.real, EVALUATE
-    if answers[PHASE] == AT_START:
-        accept_here(plant, memory, driver.point)
-    while code in (EVALUATE, INDICATE):
+    answers, real = driver.counts, driver.real
+    code = ACCEPT if wanted == GO and answers[PHASE] == AT_START else wanted
+    while True:
+        if code == EVALUATE:
+            answers[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
+        elif code in (INDICATE, LOOK, ACCEPT):
+            if code != LOOK and accept(plant, memory, driver.point) != 0:
+                answers[FIRST_FAILURE] = FROM_SIDE * SOURCES
+                return FAILED
+            if code == INDICATE:
+                real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
+            if code != ACCEPT:
+                indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
+        elif code != GO:
+            return code
+        if wanted != GO:
+            return code
         code = march_here(driver)
         if memory.branches.shape[0] > 0:
             keep_branches(memory, answers[NEXT_SAMPLE])
-        if code == EVALUATE:
-            answers[FAILURE] = evaluate_here(plant, memory, real[TIME], driver.point, driver.slope)
-        elif code == INDICATE:
-            if accept_here(plant, memory, driver.point) != 0:
-                answers[FIRST_FAILURE] = FROM_SIDE * SOURCES
-                return FAILED
-            real[H_MAX] = longest_step_here(plant, bounds, h_max, real[TIME], driver.point)
-            indicate_here(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
-    return code
 
 
 @kernel(inline=True)
@@ -86,19 +100,13 @@ def keep_branches(memory: Memory, taken: int) -> None:
     memory.kept[0] = max(memory.kept[0], taken)
 
 
-@kernel
+@kernel(inline=True)
 def accept(plant: Plant, memory: Memory, y: Array) -> int:
     """Move the branches of angles to a state of the motion: by them angles are read until the next one.
 
     Return 1 where det G of a programme with as many controls as rows has changed its sign since the last one, else 0. G is
     that of the last evaluation, at this state or a guess of it.
     """
-    return accept_here(plant, memory, y)
-
-
-@kernel(inline=True)
-def accept_here(plant: Plant, memory: Memory, y: Array) -> int:
-    """`accept` within a kernel."""
     follow(plant.quantities, plant.tree, y, memory.reference)
     follow_springs(plant.springs, plant.tree, y, memory.near)
     if plant.rows.table.shape[0] == 0:
@@ -109,15 +117,9 @@ def accept_here(plant: Plant, memory: Memory, y: Array) -> int:
     return turned
 
 
-@kernel
+@kernel(inline=True)
 def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
     """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
-    return longest_step_here(plant, bounds, h_max, t, y)
-
-
-@kernel(inline=True)
-def longest_step_here(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
-    """`longest_step` within a kernel."""
     longest, k = h_max, first_after(bounds, t)
     while k < bounds.shape[0] and bounds[k, BEGIN] - t < longest:
         longest = min(longest, max(bounds[k, BEGIN] - t, 0.0) + bounds[k, LONGEST])
@@ -165,18 +167,12 @@ def passing(line: Array, way: float) -> float:
     return -way if way * line[2] > 0.0 else line[1]
 
 
-@kernel
+@kernel(inline=True)
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 
     One that has no value there is nan and counts as not crossed.
     """
-    indicate_here(plant, memory, t, y, dy, out)
-
-
-@kernel(inline=True)
-def indicate_here(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
-    """`indicate` within a kernel."""
     tree, quantities = plant.tree, plant.quantities
     drive(plant, memory, t)
     if plant.tape.switch.shape[0] > 0:

@@ -7,21 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.calls import accept, evaluate, indicate, longest_step, march, onto_edge, run
+from vlmb.core.calls import march, onto_edge, run
 from vlmb.core.driver import (
+    ACCEPT,
     AT_START,
     EVALUATE,
+    FAILED,
     FAILURE,
     FIRST_FAILURE,
-    H_MAX,
+    GO,
     INDICATE,
+    LOOK,
     NEXT_SAMPLE,
     PHASE,
     RATE,
     TIME,
     VALUE,
     Driver,
-)  # fmt: skip
+    make_driver,
+)
 from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
 from vlmb.core.row_arrays import PROJECTION
 from vlmb.errors import SimulationError, VlmbError
@@ -39,6 +43,7 @@ from vlmb.system.programme import weakness
 Array = NDArray[np.float64]
 
 FIRST_SLICE = 200  # evaluations with a control
+NO_BOUNDS = np.zeros((0, 3))
 QUICK = 1_000_000  # numbers of states that evaluations take in about 0.01 s
 
 
@@ -56,7 +61,7 @@ class CoreEngine:
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
         self.branches: list[Array] = []  # and the coordinates near which it read angles
         self.errors: list[VlmbError] = []  # of the control, since the last accepted step
-        self.scratch = np.zeros((9, len(plan.events)))
+        self.single = make_driver("euler", self.size, directions=np.zeros(len(plan.events)))  # for single questions
         self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
 
     @property
@@ -86,17 +91,17 @@ class CoreEngine:
                 self.accept(float(driver.real[TIME]), driver.point)
             if self.plan.reads_angles and not len(self.memory.branches):
                 self.memory = self.memory._replace(branches=np.zeros((len(driver.times), *self.memory.reference.shape)))
-            return run(self.plan.plant, self.memory, driver, bounds, h_max)
+            return run(self.plan.plant, self.memory, driver, bounds, h_max, GO)
         return self._run_controlled(driver, bounds, h_max)
 
     def evaluate(self, t: float, y: Array) -> Array:
         """Return y' at (t, y). Raises what `fault` names."""
-        dy = np.zeros(self.size)
         if self.reader is not None:
             self._ask(t, y)
-        code = evaluate(self.plan.plant, self.memory, t, np.ascontiguousarray(y), dy)
-        if code:
-            raise self.fault(code)
+        self._answer(EVALUATE, t, y)
+        if self.single.counts[FAILURE]:
+            raise self.fault(int(self.single.counts[FAILURE]))
+        dy = np.array(self.single.slope)
         if not np.isfinite(dy).all():
             raise SimulationError("the accelerations are not finite: a position, velocity or force is too large to compute with")
         return dy
@@ -109,10 +114,18 @@ class CoreEngine:
         self._accepted(t, y)
 
     def _accepted(self, t: float, y: Array) -> None:
-        if accept(self.plan.plant, self.memory, y):
+        if self._answer(ACCEPT, t, y) == FAILED:
             raise self.fault(FROM_SIDE * SOURCES)
+        self._follow(t, y)
+
+    def _follow(self, t: float, y: Array) -> None:
         if self.reader is not None:
             self.branch = self.view(t, y).coordinates
+
+    def _answer(self, wanted: int, t: float, y: Array) -> int:
+        """Have one question at (t, y) answered in `single`; return its code."""
+        self.single.real[TIME], self.single.point[:] = t, y
+        return int(run(self.plan.plant, self.memory, self.single, NO_BOUNDS, np.inf, wanted))
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
@@ -164,8 +177,9 @@ class CoreEngine:
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
-        indicate(self.plan.plant, self.memory, t, y, np.zeros(self.size), self.scratch)
-        return np.array(self.scratch[VALUE : RATE + 1])
+        self.single.slope[:] = 0.0
+        self._answer(LOOK, t, y)
+        return np.array(self.single.indicators[VALUE : RATE + 1])
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""
@@ -189,15 +203,15 @@ class CoreEngine:
             if code == EVALUATE:
                 try:
                     self._ask(float(real[TIME]), driver.point)
-                    counts[FAILURE] = evaluate(plant, memory, real[TIME], driver.point, driver.slope)
+                    run(plant, memory, driver, bounds, h_max, EVALUATE)
                 except VlmbError as error:
                     self.errors.append(error)
                     counts[FAILURE] = len(self.errors)
             elif code == INDICATE:
                 self.errors.clear()
-                self._accepted(float(real[TIME]), driver.point)
-                real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
-                indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
+                if run(plant, memory, driver, bounds, h_max, INDICATE) == FAILED:
+                    raise self.fault(FROM_SIDE * SOURCES)
+                self._follow(float(real[TIME]), driver.point)
             else:
                 return int(code)
 

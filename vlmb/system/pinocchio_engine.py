@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.core.calls import indicate, longest_step, march
+from vlmb.core.calls import march, run
 from vlmb.core.driver import (
     AT_START,
     EVALUATE,
@@ -16,12 +16,14 @@ from vlmb.core.driver import (
     FIRST_FAILURE,
     H_MAX,
     INDICATE,
+    LOOK,
     NEXT_SAMPLE,
     PHASE,
     RATE,
     TIME,
     VALUE,
     Driver,
+    make_driver,
 )
 from vlmb.core.plant import make_memory
 from vlmb.errors import VlmbError
@@ -33,6 +35,7 @@ from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
+NO_BOUNDS = np.zeros((0, 3))
 CLOSEST = 1e-7  # [s] of a step, at least, where azimuths swing
 
 
@@ -55,7 +58,7 @@ class PinocchioEngine:
         self.still = np.zeros(watch.positions + watch.velocities)
         self.size = self.workspace.size
         self.errors: list[VlmbError] = []  # of evaluations since the last accepted step
-        self.scratch = np.zeros((9, len(watch.events)))
+        self.seen = make_driver("euler", len(self.still), directions=np.zeros(len(watch.events)))  # what the core looks at
         self.asked: list[Array] = []
         self.branches: list[list[float]] = []
         self.room = np.inf
@@ -88,10 +91,9 @@ class PinocchioEngine:
                 self.errors.clear()
                 t, y = float(real[TIME]), driver.point
                 self.accept(t, y)
-                seen = self._core_state(y)
-                longest = longest_step(self.watch.plant, bounds, h_max, t, seen)
-                real[H_MAX] = min(longest, max(self.room, CLOSEST))
-                indicate(self.watch.plant, self.memory, t, seen, self.still, driver.indicators)
+                self._look(INDICATE, t, y, bounds, h_max)
+                real[H_MAX] = min(self.seen.real[H_MAX], max(self.room, CLOSEST))
+                driver.indicators[VALUE : RATE + 1] = self.seen.indicators[VALUE : RATE + 1]
             else:
                 return int(code)
 
@@ -105,8 +107,13 @@ class PinocchioEngine:
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
-        indicate(self.watch.plant, self.memory, t, self._core_state(y), self.still, self.scratch)
-        return np.array(self.scratch[VALUE : RATE + 1])
+        self._look(LOOK, t, y, NO_BOUNDS, np.inf)
+        return np.array(self.seen.indicators[VALUE : RATE + 1])
+
+    def _look(self, wanted: int, t: float, y: Array, bounds: Array, h_max: float) -> None:
+        """Have the core read the indicators of events, and the longest step, at directions and lengths of a state."""
+        self.seen.real[TIME], self.seen.point[:] = t, self._core_state(y)
+        run(self.watch.plant, self.memory, self.seen, bounds, h_max, wanted)
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring."""
