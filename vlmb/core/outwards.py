@@ -9,9 +9,10 @@ from vlmb.core.jit import kernel
 from vlmb.core.plain import Bias, Body, Factors, Move, move
 from vlmb.core.rods import move_rod
 from vlmb.core.segments import is_free
-from vlmb.core.tree import AT_P, AT_V, LOWER_FREE, PARENT, PLACE, POSITIONS, ROD, ROD_CHILDREN, UPPER_FREE, Array, Tree
+from vlmb.core.tree import AT_P, AT_V, LINKS, LOWER_FREE, PARENT, PLACE, POSITIONS, ROD, ROD_CHILDREN, UPPER_FREE, Array, Tree
 from vlmb.core.vectors import (
     Axes,
+    Pair,
     Parts,
     Vector,
     add2,
@@ -94,12 +95,14 @@ def spread(tree: Tree, y: Array, dy: Array, rows: Array, i: int) -> None:
     axes = axes_of(c.kept_direction(rows, i))
     hinge, bias, turn = into(axes, hinge_of(tree, rows, i)), c.kept_bias(rows, i), row_pair(rows, i, c.RATE)
     body, factors = c.kept_factors(tree, rows, i)
-    square = dot2(turn, turn)
+    own, whirl = dot2(turn, turn), rows[tree.shape[LINKS], c.WHIRL] * axes.d.x
+    square = own + whirl * axes.d.x
     moved = move_link(tree, rows, i, axes, hinge, body, factors, bias, square)
+    turning = add_scaled2(moved.turn, whirl, Pair(axes.one.x, axes.two.x))  # in the frame that turns with a ski
     write_axial(tree, rows, i, body, factors, bias, hinge, moved)
     p, v = tree.link[i, AT_P], tree.shape[POSITIONS] + tree.link[i, AT_V]
     put(dy, p, out_of(axes, 0.0 * square, scale2(rows[i, c.NORM], turn)))
-    put(dy, v, out_of(axes, -square, add_scaled2(moved.turn, rows[i, c.SLIP], turn)))
+    put(dy, v, out_of(axes, -own, add_scaled2(turning, rows[i, c.SLIP], turn)))
     for free in range(3, 3 + tree.link[i, LOWER_FREE] + tree.link[i, UPPER_FREE]):
         dy[p + free] = y[v + free]
     write_lengths(tree, i, body, hinge, moved, square, dy, v + 3)
