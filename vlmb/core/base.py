@@ -61,7 +61,7 @@ def face(tree: Tree, y: Array, rows: Array) -> None:
         rows[n, c.COSINE], rows[n, c.SINE], rows[n, c.SPIN] = cosine, sine, rate * rate
         rows[n, c.AHEAD], rows[n, c.AHEAD + 1] = cosine, sine
         if tree.shape[UPRIGHT] != 0:
-            rows[n, c.AHEAD], rows[n, c.AHEAD + 1], rows[n, c.WHIRL] = 1.0 + 0.0 * cosine, 0.0 * sine, rate * rate
+            rows[n, c.AHEAD], rows[n, c.AHEAD + 1] = 1.0 + 0.0 * cosine, 0.0 * sine
 
 
 @kernel(inline=True)
@@ -144,11 +144,11 @@ def base_bias(tree: Tree, y: Array, rows: Array) -> Vector:
     """Find the acceleration of the base's point, less gravity's, when its velocities stay what they are."""
     point = scale(-1.0, vector(tree.base, GRAVITY))
     kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
-    if tree.shape[UPRIGHT] != 0:
-        cosine, sine = rows[tree.shape[LINKS], c.COSINE], rows[tree.shape[LINKS], c.SINE]
-        point = Vector(cosine * point.x + sine * point.y, cosine * point.y - sine * point.x, point.z)
     if kind >= SKI:
         forward, left = heading(tree, rows)
+        if tree.shape[UPRIGHT] != 0:
+            cosine, sine = rows[tree.shape[LINKS], c.COSINE], rows[tree.shape[LINKS], c.SINE]
+            point = Vector(cosine * point.x + sine * point.y, cosine * point.y - sine * point.x, point.z)
         if kind == SKI:
             return add_scaled(point, y[first] * y[first + 1], left)
         point = add_scaled(point, y[first] * y[first + 2], left)

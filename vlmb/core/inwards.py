@@ -22,6 +22,7 @@ from vlmb.core.tree import (
     ROD,
     ROD_CHILDREN,
     UPPER_FREE,
+    UPRIGHT,
     Array,
     Tree,
 )
@@ -122,7 +123,9 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
     turn = across(axes, heading.rate)
     centre, beyond = segments.lower + real[i, CENTRE], real[i, LENGTH] - real[i, CENTRE] + segments.upper
     body = body_of(real[i, MASS], real[i, INERTIA], centre, beyond)
-    square = dot2(turn, turn) + rows[tree.shape[LINKS], c.WHIRL] * heading.d.x * heading.d.x
+    square = dot2(turn, turn)
+    if tree.shape[UPRIGHT] != 0:
+        square += rows[tree.shape[LINKS], c.SPIN] * heading.d.x * heading.d.x
     bias = bias_of(segments, body, turn, square, tree.link[i, ROD_CHILDREN] != 0)
     applied = Applied(across(axes, vector(force, tree.link[i, AT_V])), segments.pull, segments.push)
     tip, tip_force = into_blocks(axes, row_sym3(rows, i, c.TIP_INERTIA)), into(axes, row_vector(rows, i, c.TIP_FORCE))
