@@ -17,8 +17,8 @@ link moves as any other: with psi its elevation, d'' has in the plane the parts
 
     along d   -(psi'^2 + phi0'^2 cos^2 psi),     across it   w = psi'' + phi0'^2 sin psi cos psi
 
-so that only |u|^2 is another; in the frame of the ski d'' has phi0'^2 cos psi more ahead. No force of the plane goes sideways: what
-the links ask for there is the base's own (sideways.py).
+so that only |u|^2 is another; in the frame of the ski d'' has phi0'^2 cos psi more ahead. No force of the plane goes sideways:
+what the links ask for there is the base's own (sideways.py).
 """
 
 from __future__ import annotations
