@@ -1,4 +1,4 @@
-"""What the compiled core runs of a scene: the plant, what its numbers mean, and why it may not serve."""
+"""What the compiled core runs of a scene: the plant, and what its numbers mean."""
 
 from __future__ import annotations
 
@@ -101,14 +101,6 @@ class CorePlan:
         """Return where every point is at the samples t (N,), states (N, ny)."""
         memory = make_memory(self.plant, self.arrays.given)
         return self.arrays.postures(states[:, : self.positions + self.velocities], self.given_at(memory, t))
-
-
-def obstacle(mechanism: Mechanism) -> str | None:
-    """Say what keeps a scene from the core; None where nothing does."""
-    scene = mechanism.scene
-    if scene.base.kind == "ski" and scene.plane:
-        return "plane = true on a ski"
-    return None
 
 
 def make_core_plan(
