@@ -29,7 +29,7 @@ from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.core_rows import make_rows
-from vlmb.system.events import BOTH_WAYS, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
+from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
 from vlmb.system.prescribed import Prescribed
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.springs import DirectionSpring
@@ -228,6 +228,9 @@ def _watched(
             first, second = (own.get(i) or mechanism.layout.links[i].name for i in (spring.first, spring.second))
             sentence = f"{spring.name}: {first} and {second} line up, where its torque has no axis to turn about"
             add(core.LINE_UP, k, 1.0, way, Event(LINE_UP, way, spring.name, sentence))
+    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    if len(mechanism.scene.constraints) + held:
+        add(core.WORTH_OF_ROWS, 0, 1.0, 0.0, Event(DEPENDENT, FALLING, "the ideal constraints", ""))
     return watch, bounds, events
 
 
