@@ -2,7 +2,8 @@
 
     hinge (ball) -- lower segment (prismatic x) -- [ rod ] -- upper segment (prismatic x) -- tip
 
-A fixed segment makes no joint; an upper segment on which nothing hangs makes none either.
+A fixed segment makes no joint; a free upper segment on which nothing hangs makes none either. A prescribed one always does: its
+length and rate are seen in points and rows, whether it carries a mass or not.
 """
 
 from __future__ import annotations
@@ -253,7 +254,7 @@ class _Builder:
         """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""
         link, segment = self.scene.links[i], self.scene.links[i].segment(which)
         length = start_length(self.scene, segment, f"links[{i}].{'lower' if which == 1 else 'upper'}.law")
-        if segment.motion != "fixed" and which == 2 and not self.carried[i]:
+        if segment.motion == "free" and which == 2 and not self.carried[i]:
             self.left_out.append(
                 f"xi{i + 1}_2, the upper segment of {link.name!r}: nothing hangs on it; drawn with its length {length:g} m"
             )
