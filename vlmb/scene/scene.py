@@ -117,10 +117,10 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         return f"<Scene {self.name!r}: {'; '.join(parts)}>"
 
     def _coordinates_of(self, link: Link) -> int:
-        """Count a link's coordinates: angles, and segments that move; an upper one only where something hangs on it."""
+        """Count a link's coordinates: angles, and segments that move; a free upper one only where something hangs on it."""
         carries = link.tip_mass or any(child.parent == link.name and child.parent_point == "tip" for child in self.links)
-        moving = (link.lower.motion != "fixed", bool(carries) and link.upper.motion != "fixed")
-        return (1 if self.plane else 2) + sum(moving)
+        upper = link.upper.motion == "prescribed" or (bool(carries) and link.upper.motion == "free")
+        return (1 if self.plane else 2) + (link.lower.motion != "fixed") + upper
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:

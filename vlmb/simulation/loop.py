@@ -43,6 +43,7 @@ from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.stuck import why_stuck
+from vlmb.system import interrupts
 from vlmb.system.events import FALL, LINE_UP, SWITCH, Event
 
 Array = NDArray[np.float64]
@@ -217,9 +218,11 @@ class Loop:
                 return sentence
 
     def _slice(self) -> int:
-        """Run for a bounded time, so that signals are looked at."""
+        """Run for a bounded time, so that interrupts are looked at."""
         began = time.perf_counter()
         code = self.engine.run(self.driver, self.bounds, self.h_max)
+        if code in (SLICE, CROSSING):
+            interrupts.answer()
         if code == SLICE:
             share = SLICE_SECONDS / max(time.perf_counter() - began, 1e-6)
             size = int(self.driver.counts[SLICE_SIZE])

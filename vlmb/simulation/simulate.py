@@ -24,6 +24,7 @@ from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
@@ -90,10 +91,20 @@ def simulate(
         engine=engine, max_step=max_step,
     )  # fmt: skip
     times = _sample_times(run, t_eval, t0)
+    with interrupts.held():
+        return _simulated(mechanism, run, times, control, start, t0, progress)
+
+
+def _simulated(
+    mechanism: Mechanism, run: Run, times: Array, control: Control | None, start: End | Mapping[str, float] | None, t0: float,
+    progress: Callable[[float], None] | None,
+) -> Trajectory:  # fmt: skip
+    """Simulate with checked options."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     system = make_system(mechanism, run)
     begin = consistent_start(system, t0)
+    interrupts.answer()
     if control is not None:
         first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
@@ -107,6 +118,7 @@ def simulate(
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
         began, used = time.perf_counter(), time.thread_time()
         loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
+        interrupts.answer()
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {

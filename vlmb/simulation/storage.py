@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import TrajectoryError
+from vlmb.simulation.files import replacing
 
 Array = NDArray[np.float64]
 
@@ -28,9 +29,9 @@ def checked_path(path: Any) -> Path:
 
 
 def write_arrays(path: Path, note: Mapping[str, Any], arrays: Mapping[str, Array]) -> Path:
-    """Write named arrays and a note of plain data."""
+    """Write named arrays and a note of plain data, whole or not at all. Raises OutputError."""
     text = json.dumps({"format": FORMAT, **note})
-    with path.open("wb") as file:
+    with replacing(path) as beside, beside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, note=np.array(text), **arrays)
     return path
 
@@ -63,8 +64,8 @@ def read_arrays(path: str | Path, names: Mapping[int, tuple[str, ...]]) -> tuple
 
 
 def write_columns(path: Path, columns: Mapping[str, Array]) -> Path:
-    """Write named columns (N,) with a header."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    """Write named columns (N,) with a header, whole or not at all. Raises OutputError."""
+    with replacing(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))

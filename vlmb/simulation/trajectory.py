@@ -86,14 +86,17 @@ class Trajectory(Remade, Displayed):
         inputs, branch = engine.sampled(recorded.t, recorded.states)
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion = Motion(system, engine.name, t, states, branch)
-        energies = energies_along(system, motion, work_by_force(system, motion))
-        doubts = () if status == "failed" else doubts_of(system, motion, inputs, energies)
+        motion, looked = Motion(system, engine.name, t, states, branch), {}
+        try:
+            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion))
+            doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
+        except Exception as error:  # the samples are there, whatever becomes of what is computed of them
+            doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
         made = Trajectory(
             system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
             stats, versions(), float(t0), doubts,
         )  # fmt: skip
-        made.__dict__.update(system=system, _motion=motion, _energies=energies)  # nothing is compiled or computed again
+        made.__dict__.update(system=system, _motion=motion, **looked)  # nothing is compiled or computed again
         return made
 
     @cached_property
