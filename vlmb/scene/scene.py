@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +26,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-MAX_FILE_BYTES = 4_000_000
+MAX_FILE_BYTES, MAX_TABLES = 1_500_000, 30_000
+NESTED = re.compile(rb"(?:\.[ \t]*[\w\"'-]{1,64}[ \t]*){20}")  # a key of twenty parts and more: reading takes the square of them
 
 
 class Scene(SceneTables, frozen=True, kw_only=True):
@@ -136,6 +138,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             raise SceneError(f"{path}: larger than {MAX_FILE_BYTES} bytes; this is not a scene file")
+        if NESTED.search(content) or content.count(b"\n[") > MAX_TABLES:
+            raise SceneError(f"{path}: a key of more than 20 parts, or more than {MAX_TABLES} tables; this is not a scene file")
         data = tomllib.loads(content.decode("utf-8-sig"))  # with a byte order mark or without
     except FileNotFoundError:
         raise SceneError(f"{path}: no such scene file") from None

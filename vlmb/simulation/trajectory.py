@@ -43,6 +43,7 @@ from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
+STATUSES = ("finished", "stopped", "failed", "interrupted")
 ARRAYS = {"t": "t", "states": "states", "inputs": "asked", "branch": "reference"}  # and their names in a file
 
 
