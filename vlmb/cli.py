@@ -36,7 +36,7 @@ from vlmb.system.system import make_system
 from vlmb.views import view, work_precision_plots
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames, save_still
-from vlmb.views.terminal import printable
+from vlmb.views.terminal import parsed, printable
 from vlmb.views.visual_model import Scenery, of_trajectory
 
 OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "engine", "max_step")  # of `vlmb run`
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; print errors as one sentence on stderr."""
     parser = make_parser()
     with printable(), ended_by_signals():
-        args = parser.parse_args(arguments)
+        args = parsed(parser, arguments)
         try:
             return int(args.run(args))
         except VlmbError as error:
@@ -66,10 +66,12 @@ def make_parser() -> argparse.ArgumentParser:
     """Describe every command."""
     parser = argparse.ArgumentParser(prog="vlmb", description="Mechanisms whose links change their length, on Pinocchio.")
     parser.add_argument("--version", action="version", version=f"vlmb {__version__}")
+    parser.commands = {}  # type: ignore[attr-defined]
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, what: str, run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
         added = commands.add_parser(name, help=what, description=what)
+        parser.commands[name] = added  # type: ignore[attr-defined]
         added.set_defaults(run=run)
         return added
 
@@ -100,7 +102,7 @@ def make_parser() -> argparse.ArgumentParser:
     measured = command("bench", "measure error against CPU time of every method and form of the knife edge", _bench)
     _bench_arguments(measured)
     plot = command("plot", "draw the plots of stored runs; several runs share one figure", _plot)
-    plot.add_argument("runs", nargs="+", help="stored runs (.npz)")
+    plot.add_argument("runs", nargs="*", help="stored runs (.npz)")
     plot.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
     plot.add_argument("-o", "--output", type=Path, default=Path("plots"), help="folder for the pictures")
     return parser
@@ -121,7 +123,7 @@ def _run(args: argparse.Namespace) -> int:
     run = run_options(scene, **changes)
     if args.view:
         view.need_display()
-    folder = args.output or Path("results") / path.stem
+    folder = args.output or Path("results") / _name_of(path)
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
@@ -151,12 +153,27 @@ def _run(args: argparse.Namespace) -> int:
             ended = True
     if ended and not args.no_plots:
         print("vlmb run: interrupted: pictures in this folder may be those of an earlier run", file=sys.stderr)
-    print("wrote " + ", ".join(str(file) for file in written))
+    print(_wrote(written))
     if kept.error is not None:
         raise kept.error
     if args.view and not ended:
         view.keep(view.play(trajectory, browser=True))
     return 0 if trajectory.status in ("finished", "stopped") and not (trajectory.doubts or ended or kept.said) else 1
+
+
+def _name_of(path: Path) -> str:
+    """Name a folder of results: a scene's name; of a stored run, whose file is mostly run.npz, its folder's, as a replay."""
+    if path.suffix != ".npz":
+        return path.stem
+    return f"{path.resolve().parent.name if path.stem == 'run' else path.stem}_replay"
+
+
+def _wrote(files: Sequence[Path]) -> str:
+    """List written files, many of one folder by their names."""
+    folders = {file.parent for file in files}
+    if len(files) < 4 or len(folders) > 1:
+        return "wrote " + ", ".join(str(file) for file in files)
+    return f"wrote into {folders.pop()}: " + ", ".join(file.name for file in files)
 
 
 def _remove(folders: list[Path]) -> None:
@@ -224,12 +241,12 @@ def _plot(args: argparse.Namespace) -> int:
 
     runs = [load_trajectory(path) for path in args.runs]
     written = save_all(runs if len(runs) > 1 else runs[0], args.output, args.only)
-    print("wrote " + ", ".join(str(file) for file in written))
+    print(_wrote(written))
     return 0
 
 
 def _matrices_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument("scene", nargs="?", help="scene file (.toml)")
     parser.add_argument(
         "--at", action="append", nargs="+", metavar="NAME=VALUE", default=[],
         help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 legs.azimuth_dot=0.5 speed=8 [m, rad, s]",

@@ -144,8 +144,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     except FileNotFoundError:
         raise SceneError(f"{path}: no such scene file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        hint = "; a stored run is read by load_trajectory" if path.suffix == ".npz" else ""
-        raise SceneError(f"{path}: not a TOML file: {error}{hint}") from None
+        raise SceneError(f"{path}: {_not_toml(content, error)}") from None
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
     except SceneError:
@@ -153,6 +152,19 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     except ValueError as error:
         raise SceneError(f"{str(path)!r}: cannot be read: {error}") from None
     return Scene.from_dict(data, str(path))
+
+
+def _not_toml(content: bytes, error: Exception) -> str:
+    """Say why a file is no scene file: a stored run, a text without quotes, or what the reader says."""
+    if content.startswith(b"PK"):
+        return "a stored run, not a scene file: read it with load_trajectory, or replay it with `vlmb run`"
+    place = re.search(r"Invalid value \(at line (\d+), column (\d+)\)", str(error))
+    if place:
+        line = content.decode("utf-8-sig").splitlines()[int(place[1]) - 1]
+        bare = re.match(r"[A-Za-z_][\w.]*", line[int(place[2]) - 1 :])
+        if bare:
+            return f"not a TOML file: line {place[1]}: {bare[0]} needs quotes: a text is written \"{bare[0]}\""
+    return f"not a TOML file: {error}"
 
 
 def as_scene(what: Any) -> Scene:

@@ -290,6 +290,8 @@ class Loop:
                 "holds until it is overcome is friction, not a sign of the velocity"
             )
         self._end_here()
+        if event.kind == FALL and self.t == self.start:
+            return f"{event.sentence} as it starts; raise psi, or set run.fall = false to go on"
         return event.sentence
 
     def _end_here(self) -> None:
@@ -320,4 +322,6 @@ class Loop:
         heights = self.engine.indicators(self.t, self.driver.point)[0] if watched else ()
         for k, event in watched:
             if heights[k] < -UNDER:
-                raise SceneError(f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi, or set run.fall = false")
+                raise SceneError(
+                    f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi (in radians), or set run.fall = false"
+                )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import math
 import time
 import warnings
@@ -81,7 +82,7 @@ def simulate(
     Returns a Trajectory, also for a run that stops early: its `message` says why.
     Raises SceneError (a VlmbError) for what is wrong before the run.
     """
-    if control is not None and not callable(control):
+    if control is not None and not (callable(control) and _takes_two(control)):
         raise SceneError(f"control = {control!r:.80}: must be a function of (t, view) that returns forces by name")
     if progress is not None and not callable(progress):
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
@@ -93,6 +94,17 @@ def simulate(
     times = _sample_times(run, t_eval, t0)
     with interrupts.held():
         return _simulated(mechanism, run, times, control, start, t0, progress)
+
+
+def _takes_two(function: Callable[..., Any]) -> bool:
+    """Whether a function can be called with two values; one that does not tell is given the benefit of the doubt."""
+    try:
+        inspect.signature(function).bind(0.0, None)
+    except TypeError:
+        return False
+    except ValueError:
+        return True
+    return True
 
 
 def _simulated(

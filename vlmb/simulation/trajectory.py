@@ -212,7 +212,11 @@ class Trajectory(Remade, Displayed):
 
     @property
     def conditions(self) -> Array:
-        """Condition number (N,) of the programme's G in the scales of its controls; empty without a programme."""
+        """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample.
+
+        G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
+        programme.
+        """
         return self._evaluations["conditions"] if self.scene.programme else read_only(np.zeros(0))
 
     @cached_property
