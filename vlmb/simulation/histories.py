@@ -77,7 +77,8 @@ def forces_along(
             found["hinges"][i, k], found["hinge_torques"][i, k] = turn @ force.linear, turn @ force.angular
         if programme is not None:
             strengths[i] = programme.strengths(programme.control_matrix)
-    found["conditions"] = np.fmax.reduce(strengths[:, 0], initial=0.0) / strengths[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):  # infinite where a row is lost
+        found["conditions"] = np.fmax.reduce(strengths[:, 0], initial=0.0) / strengths[:, 1]
     frozen = {what: _frozen(value) for what, value in found.items()}
     return frozen | {"report": "" if programme is None else programme.report}
 

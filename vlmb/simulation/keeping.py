@@ -63,6 +63,8 @@ def _written(trajectory: Trajectory, folder: Path) -> tuple[list[Path], tuple[st
         written.append(trajectory.save_csv(folder / "run.csv"))
     except VlmbError as error:
         said.append(str(error))
+    except KeyboardInterrupt:
+        said.append(f"interrupted before {folder / 'run.csv'} was written; the run is in {written[0]}")
     return written, tuple(said)
 
 
