@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import json
 import random
-import resource
 import struct
+import sys
 import time
 import unicodedata
 import zipfile
@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import vlmb
 from tests.small_scenes import FIXED, PIVOT, SKI, bent, link, write_toml
 from vlmb.scene.scene import tomllib
 
+resource = pytest.importorskip("resource")  # what a process takes
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS, MEGABYTES = 2.0, 200.0  # that one may take
 MODELS = (
@@ -52,7 +54,8 @@ def judged(read: Callable[[], Any]) -> Judged:
 
 def peak() -> float:
     """Largest memory of this process so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    unit = 1024.0**2 if sys.platform == "darwin" else 1024.0
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit)
 
 
 def printable(text: str) -> bool:

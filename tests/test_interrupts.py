@@ -22,7 +22,7 @@ from tests.interrupting import (
     signalled,
     usual_signals,
 )
-from tests.small_scenes import PIVOT, bent, write_toml
+from tests.small_scenes import PIVOT, SKI, bent, write_toml
 from vlmb.cli import main
 from vlmb.system import interrupts
 
@@ -172,3 +172,24 @@ def test_an_error_of_the_terminal_loses_nothing(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(sys, "stderr", Gone())
     assert main(["run", "short.toml", "--no-plots", "-o", "out"]) == 0
     assert len(vlmb.load_trajectory(tmp_path / "out" / "run.npz")) == 201
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+@pytest.mark.parametrize("call", [3, 100, 333])
+def test_the_forces_of_an_interrupted_control_are_those_that_acted_or_nan(call: int, engine: str) -> None:
+    """Never 0: controls, power and reactions are not known at the same samples, and the message says so."""
+    calls: list[float] = []
+
+    def control(t: float, view: Any) -> dict[str, float]:
+        calls.append(t)
+        if len(calls) == call:
+            signal.raise_signal(signal.SIGINT)
+        return {"M_psi1": 1.0 + t}
+
+    with usual_signals():
+        run = vlmb.simulate(bent(SKI, 1), duration=5.0, control=control, engine=engine, t_eval=np.linspace(0.0, 5.0, 1001))
+    unknown = np.isnan(run.controls["M_psi1"])
+    np.testing.assert_allclose(run.controls["M_psi1"][~unknown], 1.0 + run.t[~unknown], rtol=1e-12)
+    for values in (run.reactions["knife_edge"], run.power("M_psi1"), run.hinge_force("link1")[:, 0]):
+        assert np.array_equal(np.isnan(values), unknown)
+    assert run.status == "interrupted" and unknown.any() == ("not known" in run.message)

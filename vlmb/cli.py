@@ -1,6 +1,6 @@
 """The command line: vlmb run | info | check | matrices | plot | view | bench.
 
-Exit codes: 0 done, 1 failed, refused or doubtful, 2 wrong usage.
+Exit codes: 0 done, 1 failed, refused, interrupted or doubtful, 2 wrong usage.
 """
 
 from __future__ import annotations
