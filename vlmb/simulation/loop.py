@@ -47,6 +47,7 @@ from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.passage import Passage, pass_through, time_to_dependence
 from vlmb.simulation.stuck import why_stuck
+from vlmb.system import interrupts
 from vlmb.system.events import DEPENDENT, FALL, LINE_UP, SWITCH, Event
 from vlmb.system.worth import LOOKED_AT, RowState
 
@@ -249,9 +250,11 @@ class Loop:
                 return sentence
 
     def _slice(self) -> int:
-        """Run for a bounded time, so that signals are looked at."""
+        """Run for a bounded time, so that interrupts are looked at."""
         began = time.perf_counter()
         code = self.engine.run(self.driver, self.bounds, self.h_max)
+        if code in (SLICE, CROSSING):
+            interrupts.answer()
         if code == SLICE:
             share = SLICE_SECONDS / max(time.perf_counter() - began, 1e-6)
             size = int(self.driver.counts[SLICE_SIZE])
@@ -322,6 +325,8 @@ class Loop:
         if event.kind == DEPENDENT:
             return self._pass(until)
         self._end_here()
+        if event.kind == FALL and self.t == self.start:
+            return f"{event.sentence} as it starts; raise psi, or set run.fall = false to go on"
         return event.sentence
 
     def _pass(self, until: float) -> str | None:
@@ -412,4 +417,6 @@ class Loop:
         heights = self.engine.indicators(self.t, self.driver.point)[0] if watched else ()
         for k, event in watched:
             if heights[k] < -UNDER:
-                raise SceneError(f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi, or set run.fall = false")
+                raise SceneError(
+                    f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi (in radians), or set run.fall = false"
+                )
