@@ -45,7 +45,18 @@ from vlmb.core.plant import (
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
 from vlmb.core.row_arrays import SIDE as DET_SIDE
-from vlmb.core.row_arrays import SIDE_BEFORE, WORTH, WORTH_BEFORE, WORTH_BOUND, WORTH_RATE, WORTH_TIME, sizes_of, view
+from vlmb.core.row_arrays import (
+    SIDE_BEFORE,
+    WORTH,
+    WORTH_BEFORE,
+    WORTH_BOUND,
+    WORTH_RATE,
+    WORTH_TIME,
+    RowMemory,
+    Rows,
+    sizes_of,
+    view,
+)
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
@@ -83,7 +94,7 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
             if code == INDICATE:
                 real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
                 if plant.rows.table.shape[0] > 0:
-                    real[H_MAX] = min(real[H_MAX], note_worth(plant, memory, real[TIME]))
+                    real[H_MAX] = min(real[H_MAX], note_worth(plant.rows, memory.rows, real[TIME]))
             if code != ACCEPT:
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
         elif code != GO:
@@ -113,15 +124,19 @@ def accept(plant: Plant, memory: Memory, y: Array) -> int:
     """
     follow(plant.quantities, plant.tree, y, memory.reference)
     follow_springs(plant.springs, plant.tree, y, memory.near)
-    if plant.rows.table.shape[0] == 0:
-        return 0
-    state = view(sizes_of(plant.rows), memory.rows).state
+    return note_side(plant.rows, memory.rows) if plant.rows.table.shape[0] > 0 else 0
+
+
+@kernel
+def note_side(rows: Rows, memory: RowMemory) -> int:
+    """Note the sign of det G at an accepted step; return 1 where it has changed since the last one, else 0."""
+    state = view(sizes_of(rows), memory).state
     turned = 1 if state[DET_SIDE] * state[SIDE_BEFORE] < 0.0 else 0
     state[SIDE_BEFORE] = state[DET_SIDE]
     return turned
 
 
-@kernel(inline=True)
+@kernel
 def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
     """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
     longest, k = h_max, first_after(bounds, t)
@@ -138,11 +153,11 @@ def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) 
     return longest
 
 
-@kernel(inline=True)
-def note_worth(plant: Plant, memory: Memory, t: float) -> float:
+@kernel
+def note_worth(rows: Rows, memory: RowMemory, t: float) -> float:
     """Note what the ideal rows are worth at an accepted step; return half the time [s] in which one would be worth nothing."""
-    sizes = sizes_of(plant.rows)
-    space = view(sizes, memory.rows)
+    sizes = sizes_of(rows)
+    space = view(sizes, memory)
     state = space.state
     for i in range(sizes.ideal):
         space.largest[i] = max(space.largest[i], space.square[i, i])
@@ -152,6 +167,13 @@ def note_worth(plant: Plant, memory: Memory, t: float) -> float:
         state[WORTH_BOUND] = max(state[WORTH_BOUND], min(LOOKED_AT, 0.5 * state[WORTH]))
     state[WORTH_BEFORE], state[WORTH_TIME] = state[WORTH], t
     return -0.5 * state[WORTH] / state[WORTH_RATE] if state[WORTH_RATE] < 0.0 else math.inf
+
+
+@kernel
+def worth_of(rows: Rows, memory: RowMemory) -> tuple[float, float]:
+    """Return what the ideal rows are worth beyond the least that is not looked at more closely, and its rate [1/s]."""
+    state = view(sizes_of(rows), memory).state
+    return state[WORTH] - state[WORTH_BOUND], state[WORTH_RATE]
 
 
 @kernel(inline=True)
@@ -187,7 +209,7 @@ def passing(line: Array, way: float) -> float:
     return -way if way * line[2] > 0.0 else line[1]
 
 
-@kernel(inline=True)
+@kernel
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 
@@ -216,8 +238,7 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
         elif form == LINE_UP:
             out[VALUE, k], out[RATE, k] = passing(memory.lines[which], plant.bound[k, BOUND]), 0.0
         elif form == WORTH_OF_ROWS and plant.rows.table.shape[0] > 0:
-            state = view(sizes_of(plant.rows), memory.rows).state
-            out[VALUE, k], out[RATE, k] = state[WORTH] - state[WORTH_BOUND], state[WORTH_RATE]
+            out[VALUE, k], out[RATE, k] = worth_of(plant.rows, memory.rows)
         elif form in (NOTHING, WORTH_OF_ROWS):
             out[VALUE, k], out[RATE, k] = 1.0, 0.0
 
