@@ -12,6 +12,7 @@ TITLES = {
     "signals": "SIGINT or SIGTERM to a process at a random moment",
     "runs": "damaged or malicious stored runs",
     "scenes": "damaged or malicious scenes",
+    "metamorphic": "random scenes, each told in a dozen words: turned, mirrored, later, heavier, larger, by the other engine",
     "threads": "runs in sixteen threads, compared bit for bit",
 }
 
