@@ -27,7 +27,7 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
-from vlmb.system.pace import longest_steps
+from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
@@ -92,6 +92,7 @@ def simulate(
     times = _sample_times(run, t_eval, t0)
     if start is not None:
         mechanism = begun_at(mechanism, start)
+    require_data(mechanism.scene, t0, float(times[-1]))
     system = make_system(mechanism, run)
     begin = consistent_start(system, t0)
     if control is not None:
@@ -164,8 +165,9 @@ class Checked(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, what was adjusted at the start, and how a programme is stable and controllable."""
-        return (*self.mechanism.warnings, *self.start.adjustments)
+        """Warnings, what is known of measured data, what was adjusted at the start, how a programme is stable and controllable."""
+        data = (column.report for column in self.mechanism.signals.columns)
+        return (*self.mechanism.warnings, *data, *self.start.adjustments)
 
     @property
     def report(self) -> str:
@@ -186,6 +188,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     """
     scene = as_scene(scene)
     mechanism = build(scene)
+    require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
     start = consistent_start(system)
     _breaks(system, 0.0, scene.run.duration)

@@ -65,7 +65,7 @@ class ConstraintSet:
         pushed: Sequence[tuple[GeneralizedForce, float]] = (),
     ) -> None:
         """Compile (text, key path, ideal) rows."""
-        names = allowed_names(mechanism.names, mechanism.scene.parameters)
+        names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [parse_equation(row.equation, row.key, names) for row in rows]
         pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]

@@ -158,7 +158,7 @@ class AppliedForces:
 def applied_forces(mechanism: Mechanism, inputs: Sequence[str] | None) -> AppliedForces:
     """Collect a scene's forces and the named inputs. Raises SceneError for a force that cannot exist."""
     scene = mechanism.scene
-    allowed = allowed_names(mechanism.names, scene.parameters)
+    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
     found: list[GeneralizedForce] = []
     laws: list[Expression] = []
     for index, force in enumerate(scene.forces):
