@@ -1,6 +1,6 @@
-"""Given functions of time, piecewise polynomials of degree 5: derivatives at a time, and what they can be within an interval.
+"""Given functions of time, polynomials of degree 5 in pieces: derivatives at a time, and what they can be in an interval.
 
-Rows of `series` are pieces: where one begins, then the coefficients of (t - begin)^k. The row after the last says where that ends.
+Rows of `series` are pieces: where one begins, then the coefficients of (t - begin)^k. The row after the last says where it ends.
 """
 
 from __future__ import annotations
@@ -49,12 +49,19 @@ def outside(series: Array, first: int, end: int, t: float) -> bool:
 
 @kernel
 def signal_jet(series: Array, first: int, end: int, order: int, t: float) -> tuple[float, float, float]:
-    """Return the derivatives `order` and the next two at a time; nan outside what is given."""
+    """Return the derivatives `order` (0, 1 or 2) and the next two at a time; nan outside what is given."""
     if outside(series, first, end, t):
         return NAN, NAN, NAN
     row = piece_at(series, first, end, t)
-    u = t - series[row, KNOT]
-    return derivative(series, row, u, order), derivative(series, row, u, order + 1), derivative(series, row, u, order + 2)
+    u, c2, c3 = t - series[row, KNOT], series[row, LOWEST + 2], series[row, LOWEST + 3]
+    c4, c5 = series[row, LOWEST + 4], series[row, LOWEST + 5]
+    second = 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
+    if order == 2:
+        return second, 6.0 * c3 + u * (24.0 * c4 + u * 60.0 * c5), 24.0 * c4 + u * 120.0 * c5
+    first_one = series[row, LOWEST + 1] + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+    if order == 1:
+        return first_one, second, 6.0 * c3 + u * (24.0 * c4 + u * 60.0 * c5)
+    return series[row, LOWEST] + u * (series[row, LOWEST + 1] + u * (c2 + u * (c3 + u * (c4 + u * c5)))), first_one, second
 
 
 @kernel

@@ -71,7 +71,7 @@ def time_law(text: str | float, parameters: Mapping[str, float], key: str, signa
 
 
 def parse_of_time(text: str | float, parameters: Collection[str], key: str) -> Expression:
-    """Read an expression in `t` and parameters, or names of data. Raises ExpressionError, in its own words for the motion's names."""
+    """Read an expression in `t`, parameters, data. Raises ExpressionError, in words of its own where it names the motion."""
     own = {"t", *parameters}
     for name in sorted(parse(text, key).names - own):
         if "." in name or name == "speed" or kind_of(name) == "a coordinate":

@@ -41,6 +41,12 @@ class Signal:
         return float(self.time[0]), float(self.time[-1])
 
     @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The times [s] near both ends where derivatives rest on samples of one side."""
+        (begin, end), reach = self.span, self.curve.reach
+        return (begin, begin + reach), (end - reach, end)
+
+    @property
     def report(self) -> str:
         """What was measured, how far the curve leaves it, how fast it turns, and where it is not to be trusted."""
         (begin, end), count, unit = self.span, len(self.time), f" {self.unit}" if self.unit else ""
@@ -94,7 +100,7 @@ class Signals(Mapping[str, int]):
         unit = self.columns[k].unit
         return unit if not order else f"{unit or '1'}/s{'^2' * (order == 2)}"
 
-    def values(self, name: str, times: Array) -> Array:
+    def along(self, name: str, times: Array) -> Array:
         """Return what a name is (N,) at times (N,); nan outside the data."""
         k, order = divmod(self.places[name], 3)
         return self.columns[k].values(times, order)
@@ -107,6 +113,11 @@ class Signals(Mapping[str, int]):
             begin, end = self.columns[k].span
             found[name] = float(self.columns[k].values(np.array([min(max(t, begin), end)]), order)[0])
         return found
+
+    def reach(self, text: str) -> str:
+        """Say how far the data reach that a law or an equation names: beyond, they have no value."""
+        named = [column for column in self.columns if column.name in text]
+        return "".join(f"; {column.name} has data from {column.span[0]:.6g} to {column.span[1]:.6g} s" for column in named)
 
     def read_by(self, names: Iterable[str]) -> tuple[Signal, ...]:
         """Return the columns that names are read of."""
@@ -153,7 +164,8 @@ def make_signal(name: str, unit: str, time: Array, samples: Array, smooth: Wante
     for begin, end in holes:
         if end - begin > gap * (1.0 + 1e-9):
             long = f"no sample from t = {begin:.6g} to {end:.6g} s, a hole of {end - begin:.3g} s"
-            raise SceneError(f"{key}: {long}: longer than gap = {gap:g} s; cut the data there, or raise `gap` if a curve may be trusted")
+            advice = "cut the data there, or raise `gap` if a curve across it may be trusted"
+            raise SceneError(f"{key}: {long}: longer than gap = {gap:g} s; {advice}")
     sigma = smooth.sigma if isinstance(smooth, Smoothing) else 0.0 if smooth == "none" else None
     curve = _smoothed(time.tobytes(), samples.tobytes(), sigma)
     how = "through all samples" if sigma == 0.0 else "smoothed by cross-validation" if sigma is None else "smoothed by sigma"
@@ -173,6 +185,6 @@ def require_span(signals: Signals, names: Iterable[str], begin: float, end: floa
         slack = series.SLACK * (last - first)
         if begin < first - slack or end > last + slack:
             raise SceneError(
-                f"{what} from t = {begin:.9g} to {end:.9g} s needs {column.name}, whose data reach from {first:.9g} to {last:.9g} s; "
-                "begin and end within (simulate has t0 and duration), or let a law take something else there by `where`"
+                f"{what} from t = {begin:.9g} to {end:.9g} s needs {column.name}, whose data reach from {first:.9g} to "
+                f"{last:.9g} s; begin and end within (`simulate` has t0 and duration), or take something else there by `where`"
             )

@@ -1,4 +1,6 @@
-"""Quintic smoothing splines of measured data (Woltring): the curve s that makes
+"""Quintic smoothing splines of measured data, after Woltring.
+
+The curve s makes
 
     sum_i (y_i - s(t_i))^2 + p integral s'''(t)^2 dt
 
@@ -15,6 +17,7 @@ frequency p^(-1/6) per sample.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,12 +114,13 @@ class _Problem:
     def solve(self, p: float, factor: Array | None = None, refinements: int = 3) -> tuple[Array, Array]:
         """Return s at the samples (N,) and c (N-3,), made better with residuals in longer numbers."""
         factor = self.factor(p) if factor is None else factor
-        d, gram = self.d.astype(np.longdouble), self.gram.astype(np.longdouble)
-        wanted, c = 6.0 * _apply(d, self.y.astype(np.longdouble)), np.zeros(len(self.wanted), np.longdouble)
+        long: Any = np.longdouble
+        d, gram, c = self.d.astype(long), self.gram.astype(long), np.zeros(len(self.wanted), long)
+        wanted = 6.0 * _apply(d, self.y.astype(long))
         for _ in range(1 + refinements):
             missing = wanted - _banded(gram, c) - 36.0 * p * _apply(d, _apply_back(d, c))
             c = c + cho_solve_banded((factor, True), missing.astype(float))
-        return np.asarray(self.y - 6.0 * p * _apply_back(d, c), float), np.asarray(c, float)
+        return (self.y - 6.0 * p * _apply_back(d, c)).astype(np.float64), c.astype(np.float64)
 
     def looked(self, exponent: float) -> tuple[float, float]:
         """Return the mean square of the residuals and the share of the samples' freedom that is left to them."""
@@ -225,7 +229,7 @@ def _squared(d: Array) -> Array:
 
 def _banded(bands: Array, c: Array) -> Array:
     """Return the product of a symmetric matrix by its lower bands."""
-    out = bands[0] * c
+    out: Array = bands[0] * c
     for k in range(1, min(4, len(c))):
         out[k:] += bands[k, : len(c) - k] * c[: len(c) - k]
         out[: len(c) - k] += bands[k, : len(c) - k] * c[k:]

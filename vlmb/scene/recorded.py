@@ -13,13 +13,13 @@ import numpy as np
 
 from vlmb.errors import SceneError, nearest
 from vlmb.scene.explain import unknown_key
-from vlmb.scene.names import listed
 from vlmb.scene.recordings import MAX_SAMPLES, Recording, find_file, read_recording
 from vlmb.scene.tables import ALLOWED_NAME, MAX_NAME, NAME, Column, Data, Table
 
 DEG = math.pi / 180.0
 UNITS: Mapping[str, tuple[str, float, float]] = {  # unit of a scene, then what to multiply and divide by: 9 mm are 9/1000 m
-    "m": ("m", 1, 1), "cm": ("m", 1, 100), "mm": ("m", 1, 1000), "km": ("m", 1000, 1), "rad": ("rad", 1, 1), "deg": ("rad", DEG, 1),
+    "m": ("m", 1, 1), "cm": ("m", 1, 100), "mm": ("m", 1, 1000), "km": ("m", 1000, 1),
+    "rad": ("rad", 1, 1), "deg": ("rad", DEG, 1),
     "N": ("N", 1, 1), "kN": ("N", 1000, 1), "N m": ("N m", 1, 1), "N mm": ("N m", 1, 1000),
     "m/s": ("m/s", 1, 1), "mm/s": ("m/s", 1, 1000), "km/h": ("m/s", 1, 3.6), "rad/s": ("rad/s", 1, 1), "deg/s": ("rad/s", DEG, 1),
     "m/s^2": ("m/s^2", 1, 1), "s": ("s", 1, 1), "ms": ("s", 1, 1000), "kg": ("kg", 1, 1), "1": ("", 1, 1), "": ("", 1, 1),
@@ -52,7 +52,8 @@ def given_keys(table: Any, kind: type[Table], key: str) -> dict[str, Any]:
     """Return the keys of a table, or of a dict in its place, checked by name."""
     fields = msgspec.structs.fields(kind)
     if isinstance(table, kind):
-        return {field.encode_name: getattr(table, field.name) for field in fields if getattr(table, field.name) is not field.default}
+        given = {field: getattr(table, field.name) for field in fields}
+        return {field.encode_name: value for field, value in given.items() if value is not field.default}
     if not isinstance(table, Mapping):
         raise SceneError(f"{key} = {table!r:.80}: must be a table")
     known = [field.encode_name for field in fields]
@@ -70,17 +71,16 @@ def _entry(entry: Any, key: str, folder: Path) -> dict[str, Any]:
     arrays = [name for name, column in columns.items() if "values" in column]
     if len(arrays) < len(columns):
         if arrays:
-            raise SceneError(f"{key}.columns.{arrays[0]}: has values where others come from a file; put it into [[data]] of its own")
+            why = "has values where others come from a file; put it into [[data]] of its own"
+            raise SceneError(f"{key}.columns.{arrays[0]}: {why}")
         if not isinstance(given.get("file"), str):
             raise SceneError(f"{key}: needs a `file`, or `time` and columns of numbers")
         return {**given, **_from_file(given, columns, key, folder)}
     if "time" not in given or isinstance(given["time"], (str, Mapping)):
         raise SceneError(f"{key}.time: columns of numbers need a list of times [s]")
-    time = _samples(given["time"], f"{key}.time")
-    if any(t is None for t in time) or any(not a < b for a, b in zip(time, time[1:], strict=False)):
-        raise SceneError(f"{key}.time: {_where_not_ascending(time)}")
+    time = require_ascending(as_samples(given["time"], f"{key}.time"), f"{key}.time")
     for name, column in columns.items():
-        column["values"] = _converted(_samples(column["values"], f"{key}.columns.{name}"), column, f"{key}.columns.{name}")
+        column["values"] = _converted(as_samples(column["values"], f"{key}.columns.{name}"), column, f"{key}.columns.{name}")
         if len(column["values"]) != len(time):
             raise SceneError(f"{key}.columns.{name}: {len(column['values'])} values at {len(time)} times")
     return {**given, "time": time, "columns": columns}
@@ -115,9 +115,8 @@ def _from_file(given: dict[str, Any], columns: dict[str, dict[str, Any]], key: s
         factor = _unit(scale.get("unit") or read.units.get(source, "s"), f"{key}.time")
         if factor[0] != "s":
             raise SceneError(f"{key}.time: its unit is {factor[0]!r}, not that of a time: s or ms")
-        times = _samples([t * factor[1] / factor[2] for t in read.time], "time")
-        if any(t is None for t in times) or any(not a < b for a, b in zip(times, times[1:], strict=False)):
-            raise SceneError(f"{path.name}: column {source!r:.60}: {_where_not_ascending(times)}")
+        where = f"{path.name}: column {source!r:.60}"
+        times = require_ascending(as_samples([t * factor[1] / factor[2] for t in read.time], where), where)
         taken = {name: _taken(column, read, f"{key}.columns.{name}", path.name) for name, column in columns.items()}
     except SceneError as error:
         raise SceneError(str(error) if str(error).startswith(key) else f"{key}.file: {error}") from None
@@ -136,9 +135,10 @@ def _taken(column: dict[str, Any], read: Recording, key: str, file: str) -> dict
         unit = told if SPELLED.get(told, told) in UNITS else ""
     angle = SPELLED.get(unit, unit)
     if (read.degrees is True and angle in ("rad", "rad/s")) or (read.degrees is False and angle in ("deg", "deg/s")):
-        raise SceneError(f"{key}.unit = {unit!r}: {file} says inDegrees={'yes' if read.degrees else 'no'}; mend the one that is wrong")
+        said = "yes" if read.degrees else "no"
+        raise SceneError(f"{key}.unit = {unit!r}: {file} says inDegrees={said}; mend the one that is wrong")
     made["unit"] = unit
-    made["values"] = _converted(_samples(read.columns[source], f"{file}: column {source!r:.60}"), made, key)
+    made["values"] = _converted(as_samples(read.columns[source], f"{file}: column {source!r:.60}"), made, key)
     return made
 
 
@@ -156,7 +156,7 @@ def _converted(values: Samples, column: dict[str, Any], key: str) -> Samples:
     return values if times == over else Samples(None if x is None else x * times / over for x in values)
 
 
-def _samples(values: Any, key: str) -> Samples:
+def as_samples(values: Any, key: str) -> Samples:
     """Return numbers as samples. Raises SceneError for what is none, too many, infinite or too large."""
     if isinstance(values, Samples):
         return values
@@ -179,15 +179,11 @@ def _samples(values: Any, key: str) -> Samples:
     return Samples(None if x != x else x for x in array.tolist())
 
 
-def _where_not_ascending(time: Samples) -> str:
+def require_ascending(time: Samples, key: str) -> Samples:
+    """Return times that ascend. Raises SceneError naming the first that does not, or is missing."""
     for at, t in enumerate(time):
         if t is None:
-            return f"sample {at + 1} has no time"
+            raise SceneError(f"{key}: sample {at + 1} has no time")
         if at and not time[at - 1] < t:
-            return f"times must ascend: sample {at + 1} is at {t:.9g} s, the one before at {time[at - 1]:.9g} s"
-    return "times must ascend"  # pragma: no cover
-
-
-def told_of(data: Data) -> str:
-    """Describe an entry in a line."""
-    return f"{data.name}: {listed(tuple(data.columns))}{f' of {data.file}' if data.file else ''}"
+            raise SceneError(f"{key}: times must ascend: sample {at + 1} is at {t:.9g} s, the one before at {time[at - 1]:.9g} s")
+    return time

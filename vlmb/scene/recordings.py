@@ -39,7 +39,7 @@ def find_file(folder: Path, name: str, key: str) -> Path:
     try:
         path, root = (folder / name).resolve(), folder.resolve()
         if not path.is_relative_to(root):
-            raise SceneError(f"{key} = {name!r:.120}: leads out of the scene's folder; put the file beside the scene file, or below")
+            raise SceneError(f"{key} = {name!r:.120}: leads out of the scene's folder; put the file beside the scene file")
         found = path.stat()
     except FileNotFoundError:
         raise SceneError(f"{key} = {name!r:.120}: no such file in {str(folder)!r}, where the scene is") from None

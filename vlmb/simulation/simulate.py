@@ -165,7 +165,7 @@ class Checked(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, what is known of measured data, what was adjusted at the start, how a programme is stable and controllable."""
+        """Warnings, what is known of measured data, what was adjusted at the start, how a programme is stable."""
         data = (column.report for column in self.mechanism.signals.columns)
         return (*self.mechanism.warnings, *data, *self.start.adjustments)
 

@@ -108,7 +108,8 @@ class ConstraintSet:
         if bad:
             obstacle = self.readings.obstacle(buffers, bad)
             named = " and ".join(repr(self.texts[k]) for k in sorted(bad))
-            return obstacle or SimulationError(f"the equation {named} has no finite value here")
+            reach = self.readings.table.signals.reach(named)
+            return obstacle or SimulationError(f"the equation {named} has no finite value here{reach}")
         for force, column in zip(self.readings.forces, () if columns is None else columns, strict=False):
             if not np.isfinite(column).all():
                 return no_direction(force, self.readings.layout)

@@ -163,7 +163,8 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve, table.signals.pieces)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    looked_at = watching or inputs is not None or _reads_angles(table) or any(root.names & {"t", *table.signals} for root in roots)
+    timed = any(root.names & {"t", *table.signals} for root in roots)
+    looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError, nearest
 from vlmb.model.names import force_symbol, panel_label, quantity_of, short
+from vlmb.views.data_plots import data
 from vlmb.views.panels import (
     ZERO,
     Panel,
@@ -178,7 +179,7 @@ def phase(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 PLOTS: dict[str, Callable[..., Figure]] = {
     "coordinates": coordinates, "path": path, "energy": energy, "residuals": residuals,
     "reactions": reactions, "controls": controls, "power": power, "deviations": deviations, "strengths": strengths,
-    "phase": phase,
+    "phase": phase, "data": data,
 }  # fmt: skip
 
 
