@@ -50,7 +50,7 @@ class Signal:
     def report(self) -> str:
         """What was measured, how far the curve leaves it, how fast it turns, and where it is not to be trusted."""
         (begin, end), count, unit = self.span, len(self.time), f" {self.unit}" if self.unit else ""
-        rate = (count - 1) / max(end - begin - sum(b - a for a, b in self.holes), 1e-300)
+        rate = 1.0 / float(np.median(np.diff(self.time)))
         acceleration = np.abs(self.values(self.time, 2))
         parts = [f"{self.name}: {count} samples from {begin:.6g} to {end:.6g} s, about {rate:.4g} Hz"]
         if self.holes:

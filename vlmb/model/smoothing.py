@@ -28,8 +28,8 @@ from vlmb.core.banded import trace_of_solution
 Array = NDArray[np.float64]
 
 FEWEST = 6  # samples
-WEAKEST, STRONGEST = -6.0, 11.0  # log10 of p: beyond, digits are lost
-LOOKS = 35  # values of p that cross-validation looks at before it closes in on one
+WEAKEST, STRONGEST = -12.0, 11.0  # log10 of p: beyond, digits are lost
+LOOKS = 47  # values of p that cross-validation looks at before it closes in on one
 CLOSE = 1e-2  # of log10 p
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 GAUSS = np.polynomial.legendre.leggauss(3)

@@ -1,21 +1,31 @@
 """C3D files of motion capture: points and analogs by ezc3d, after a look at what the file claims to hold.
 
-ezc3d believes what a file says of itself. So sizes are held against the file's own before it is asked to read.
+ezc3d believes what a file says of itself, and a damaged one may bring it down. So sizes are held against the file's own before it
+is asked to read, and it reads in a process of its own.
 """
 
 from __future__ import annotations
 
+import importlib.util
+import io
 import math
+import os
 import struct
-from collections.abc import Sequence
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from vlmb.errors import SceneError, nearest
 
 BLOCK, INTEL, MAGIC = 512, 84, 0x50
 LONG = 65535  # frames that a header can count to
 AXES = "xyz"
+SECONDS, BYTES_A_SECOND = 20.0, 500_000.0  # that ezc3d may take
 Columns = tuple[list[float], dict[str, list[float]], dict[str, str]]
 
 
@@ -24,18 +34,18 @@ def read_c3d(path: Path, wanted: Sequence[str], most: int) -> Columns:
 
     `most` samples. Raises SceneError for what is damaged, missing or mixed.
     """
+    if not _installed():
+        raise SceneError("c3d files need ezc3d, which is not installed: pip install vlmb[mocap]")
+    data = path.read_bytes()
+    _look_through(data, most)
+    return _columns(_read_apart(path, len(data)), wanted)
+
+
+def _installed() -> bool:
     try:
-        import ezc3d
-    except ImportError:
-        raise SceneError("c3d files need ezc3d, which is not installed: pip install vlmb[mocap]") from None
-    _look_through(path.read_bytes(), most)
-    try:
-        content: Any = ezc3d.c3d(str(path))
-        return _columns(content, wanted)
-    except SceneError:
-        raise
-    except Exception as error:  # ezc3d fails in many ways on a damaged file
-        raise SceneError(f"is damaged, or not a c3d file ({type(error).__name__}: {error!s:.120})") from None
+        return importlib.util.find_spec("ezc3d") is not None
+    except ValueError:  # somebody has put something else in its place
+        return False
 
 
 def _look_through(data: bytes, most: int) -> None:
@@ -97,9 +107,30 @@ def _fits(section: bytes, at: int) -> bool:
     return kind in (-1, 1, 2, 4) and at + 2 + section[at + 1] + abs(kind) * math.prod(dimensions) <= len(section)
 
 
-def _columns(content: Any, wanted: Sequence[str]) -> Columns:
-    parameters, data = content["parameters"], content["data"]
-    points, analogs = _labels(parameters, "POINT"), _labels(parameters, "ANALOG")
+def _read_apart(path: Path, size: int) -> dict[str, Any]:
+    """Have ezc3d read a file in a process of its own, for some time at most."""
+    child, seconds = Path(__file__).with_name("c3d_child.py"), SECONDS + size / BYTES_A_SECOND
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    try:
+        done = subprocess.run(
+            [sys.executable, str(child), str(path)], capture_output=True, check=False, timeout=seconds, env=environment
+        )
+    except subprocess.TimeoutExpired:
+        raise SceneError(f"is damaged: ezc3d has not read it in {seconds:.0f} s") from None
+    if done.returncode:
+        last = done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
+        raise SceneError(f"is damaged, or not a c3d file (ezc3d: {last or f'ended by {done.returncode}'!s:.160})")
+    try:
+        with np.load(io.BytesIO(done.stdout), allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise SceneError(f"is damaged: what ezc3d read of it is none ({error!s:.120})") from None
+
+
+def _columns(found: Mapping[str, Any], wanted: Sequence[str]) -> Columns:
+    points, analogs = found["point_names"].tolist(), found["analog_names"].tolist()
+    if len(points) > found["points"].shape[1] or len(analogs) > found["analogs"].shape[0]:
+        raise SceneError("is damaged: it names more channels than it has")
     values: dict[str, list[float]] = {}
     rates: dict[str, float] = {}
     units: dict[str, str] = {}
@@ -107,14 +138,12 @@ def _columns(content: Any, wanted: Sequence[str]) -> Columns:
         point, _, axis = name.rpartition(".")
         if point in points and axis in AXES and axis:
             which = points.index(point)
-            found = data["points"][AXES.index(axis), which]
-            lost = data["meta_points"]["residuals"][0, which] < 0.0
-            values[name] = [math.nan if gone else float(x) for x, gone in zip(found, lost, strict=True)]
-            rates[name], units[name] = float(content["header"]["points"]["frame_rate"]), _unit(parameters, "POINT", 0)
+            seen = np.where(found["residuals"][which] < 0.0, np.nan, found["points"][AXES.index(axis), which])
+            values[name], rates[name], units[name] = seen.tolist(), float(found["rates"][0]), _unit(found["point_units"], 0)
         elif name in analogs:
             which = analogs.index(name)
-            values[name] = [float(x) for x in data["analogs"][0, which]]
-            rates[name], units[name] = float(content["header"]["analogs"]["frame_rate"]), _unit(parameters, "ANALOG", which)
+            unit = _unit(found["analog_units"], which)
+            values[name], rates[name], units[name] = found["analogs"][which].tolist(), float(found["rates"][1]), unit
         else:
             known = [*(f"{label}.{axis}" for label in points for axis in AXES), *analogs]
             raise SceneError(f"no point or analog {name!r:.60}; {nearest(name, known)}; of a point one axis is named: `LKNE.z`")
@@ -127,16 +156,5 @@ def _columns(content: Any, wanted: Sequence[str]) -> Columns:
     return [k / rate for k in range(count)], values, {name: unit for name, unit in units.items() if unit}
 
 
-def _labels(parameters: Any, group: str) -> list[str]:
-    """Names of all channels of a group; a group of many has them in several parameters."""
-    found: list[str] = []
-    for key in ("LABELS", *(f"LABELS{k}" for k in range(2, 100))):
-        if group not in parameters or key not in parameters[group]:
-            break
-        found += [str(label).strip() for label in parameters[group][key]["value"]]
-    return found
-
-
-def _unit(parameters: Any, group: str, which: int) -> str:
-    units = parameters[group]["UNITS"]["value"] if "UNITS" in parameters[group] else []
-    return str(units[which]).strip() if which < len(units) else ""
+def _unit(units: Any, which: int) -> str:
+    return str(units[which]) if which < len(units) else ""

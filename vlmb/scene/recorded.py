@@ -52,8 +52,8 @@ def given_keys(table: Any, kind: type[Table], key: str) -> dict[str, Any]:
     """Return the keys of a table, or of a dict in its place, checked by name."""
     fields = msgspec.structs.fields(kind)
     if isinstance(table, kind):
-        given = {field: getattr(table, field.name) for field in fields}
-        return {field.encode_name: value for field, value in given.items() if value is not field.default}
+        given = [(field, getattr(table, field.name)) for field in fields]
+        return {field.encode_name: value for field, value in given if value is not field.default}
     if not isinstance(table, Mapping):
         raise SceneError(f"{key} = {table!r:.80}: must be a table")
     known = [field.encode_name for field in fields]
