@@ -41,26 +41,28 @@ def test_exact_samples_give_the_force_beyond_the_scenes_own() -> None:
     assert isinstance(found, Trajectory) and found.status == "finished" and len(found) == len(run)
     np.testing.assert_allclose(found.controls["M_psi1"][20:-20], 6.0 * np.sin(4.0 * run.t)[20:-20], rtol=0, atol=1e-5)
     np.testing.assert_allclose(found["psi1"], run["psi1"], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found["energy"], run["energy"], rtol=0, atol=1e-3)
-    assert np.abs(found["balance"]).max() < 1e-4  # the scene's damper, which is a law here, and the force found
+    np.testing.assert_allclose(found["energy"][5:-5], run["energy"][5:-5], rtol=0, atol=1e-3)
+    assert np.abs(found["balance"])[:-5].max() < 1e-4  # the scene's damper, which is a law here, and the force found
     np.testing.assert_allclose(found.work_by_force["M_psi1"], run.work_by_force["M_psi1"], rtol=0, atol=1e-3)
     assert "psi1: 401 samples" in found.adjustments[0] and "inverse dynamics" in found.summary()
 
 
 def test_links_in_space_with_springs_and_a_given_length() -> None:
     scene: dict[str, Any] = {
-        "base": {"kind": "pivot"}, "start": {"phi1": 0.1, "psi1": -0.3, "phi2": 0.4, "psi2": 0.1, "phi1_dot": 2.0, "phi2_dot": 2.0},
+        "base": {"kind": "pivot"},
+        "start": {"phi1": 0.1, "psi1": -0.3, "phi2": 0.4, "psi2": 0.1, "phi1_dot": 2.0, "phi2_dot": 2.0},
         "links": [
             {"name": "a", "rod": {"length": 0.6, "mass": 2.0}, "lower": {"motion": "prescribed", "law": "0.2 + 0.02*sin(5*t)"}},
             {"name": "b", "rod": {"length": 0.6, "mass": 1.0}, "lower": {"length": 0.2, "stiffness": 900.0, "damping": 5.0}},
         ],
         "forces": [{"between": ["a", "b"], "stiffness": 30.0, "damping": 1.0}],
-        "run": {"duration": 0.8, "samples": 300.0, "rtol": 1e-12, "atol": 1e-13},
+        "run": {"duration": 0.8, "samples": 600.0, "rtol": 1e-12, "atol": 1e-13},
     }  # fmt: skip
     driven = {**scene, "forces": [*scene["forces"], {"on": "M_psi2", "law": "3*sin(3*t)"}, {"on": "F2_1", "law": "20*t"}]}
     run = vlmb.simulate(driven)
     assert np.abs(np.cos(run["psi1"])).min() > 0.3 and np.abs(np.cos(run["psi2"])).min() > 0.3
-    found = vlmb.inverse(scene, {"time": run.t, **{name: run[name] for name in ("phi1", "psi1", "phi2", "psi2", "xi2_1")}}, "none")
+    free = ("phi1", "psi1", "phi2", "psi2", "xi2_1")
+    found = vlmb.inverse(scene, {"time": run.t, **{name: run[name] for name in free}}, "none")
     assert set(found.input_names) == {"M_phi1", "M_psi1", "M_phi2", "M_psi2", "F2_1"}
     within = slice(20, -20)
     for name in found.input_names:
@@ -104,7 +106,8 @@ SAMPLES: dict[str, Any] = {"time": np.arange(20) / 20.0, "psi1": np.zeros(20)}
 
 @pytest.mark.parametrize("data, words", [
     ({"time": SAMPLES["time"]}, "lacks psi1"), ({"psi1": SAMPLES["psi1"]}, "needs `time`"), (7, "must be a DataFrame"),
-    ({**SAMPLES, "arm.elevation": SAMPLES["psi1"]}, "given already"), ({**SAMPLES, "psi1": np.zeros(19)}, "19 values at 20 times"),
+    ({**SAMPLES, "arm.elevation": SAMPLES["psi1"]}, "given already"),
+    ({**SAMPLES, "psi1": np.zeros(19)}, "19 values at 20 times"),
     ({**SAMPLES, "time": SAMPLES["time"][::-1]}, "times must ascend"), ({**SAMPLES, "psi1": ["x"] * 20}, "list of numbers"),
     ({**SAMPLES, "time": SAMPLES["time"] * [*[1.0] * 10, *[2.0] * 10]}, "longer than gap"),
     ({name: values[:5] for name, values in SAMPLES.items()}, "needs 6 at least"),
