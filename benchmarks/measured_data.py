@@ -2,8 +2,8 @@
 
 Usage: python benchmarks/measured_data.py
 
-The recording is a wave of 1 Hz and 0.05 m with errors of 1 mm (normal, independent), 5 s long, with a hole from 2.3 to 2.44 s. Beside
-the quintic spline stands the cubic smoothing spline of scipy, whose acceleration is 0 at both ends, as that of a sine is.
+The recording is a wave of 1 Hz and 0.05 m with errors of 1 mm (normal, independent), 5 s long, with a hole from 2.3 to 2.44 s.
+Beside the quintic spline stands the cubic smoothing spline of scipy, whose acceleration is 0 at both ends, as that of a sine is.
 """
 
 from __future__ import annotations
@@ -107,11 +107,12 @@ def main() -> None:
     ]  # fmt: skip
     parts = [
         "# Measured data",
-        "A wave of 1 Hz and 0.05 m (its acceleration is 1.4 m/s^2 rms) with errors of 1 mm, 15 samples missing at 100 Hz: median of "
-        f"{RECORDINGS} recordings. A cubic spline has no acceleration at its ends, where a sine has none and a cosine the largest.",
+        "A wave of 1 Hz and 0.05 m (its acceleration is 1.4 m/s^2 rms) with errors of 1 mm, 15 samples missing at 100 Hz: median "
+        f"of {RECORDINGS} recordings. A cubic spline has no acceleration at its ends, where a sine has none and a cosine the "
+        "largest; for the cosine scipy's search for the best smoothing ends at a straight line.",
         table(("wave", "curve", "acceleration, m/s^2 rms", "0.5 s off the ends", "place in the hole, mm"), rows),
-        "Inverse dynamics of an arm that a torque of 6 N m drives, angles to 2 mrad, 100 Hz, 15 samples missing: the torque is off "
-        f"by {100 * inverse['median']:.1f} % rms in the median, {100 * inverse['worst']:.1f} % at worst.",
+        "Inverse dynamics of an arm that a torque of 6 N m drives, angles to 2 mrad, 100 Hz, 15 samples missing: the torque is "
+        f"off by {100 * inverse['median']:.1f} % rms in the median, {100 * inverse['worst']:.1f} % at worst.",
         table(("samples", "time to smooth, ms"), [(count, f"{1e3 * seconds:.3g}") for count, seconds in cost.items()]),
         f"A right-hand side of the pumped swing takes {micro(speed['pumping'])} us by its formula and "
         f"{micro(speed['recorded_pumping'])} us by its recording, in a run with all that runs do.",
