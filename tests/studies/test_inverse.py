@@ -43,7 +43,7 @@ def test_exact_samples_give_the_force_beyond_the_scenes_own() -> None:
     np.testing.assert_allclose(found["psi1"], run["psi1"], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found["energy"][5:-5], run["energy"][5:-5], rtol=0, atol=1e-3)
     assert np.abs(found["balance"])[:-5].max() < 1e-4  # the scene's damper, which is a law here, and the force found
-    np.testing.assert_allclose(found.work_by_force["M_psi1"], run.work_by_force["M_psi1"], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.work_by_force["M_psi1"][:-5], run.work_by_force["M_psi1"][:-5], rtol=0, atol=1e-3)
     assert "psi1: 401 samples" in found.adjustments[0] and "inverse dynamics" in found.summary()
 
 

@@ -76,7 +76,7 @@ def parse_of_time(text: str | float, parameters: Collection[str], key: str) -> E
     for name in sorted(parse(text, key).names - own):
         if "." in name or name == "speed" or kind_of(name) == "a coordinate":
             hint = "the law of a force may name the motion"
-            raise failure(key, str(text), f"{name!r} is read of the motion; here stand only t, parameters and data", hint)
+            raise failure(key, str(text), f"{name!r} is read of the motion; here stand only t and parameters, and data", hint)
     return parse(text, key, own)
 
 

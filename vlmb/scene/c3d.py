@@ -110,7 +110,7 @@ def _fits(section: bytes, at: int) -> bool:
 def _read_apart(path: Path, size: int) -> dict[str, Any]:
     """Have ezc3d read a file in a process of its own, for some time at most."""
     child, seconds = Path(__file__).with_name("c3d_child.py"), SECONDS + size / BYTES_A_SECOND
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment = {**os.environ, "PYTHONSAFEPATH": "1"}  # no module of a folder that it happens to run in
     try:
         done = subprocess.run(
             [sys.executable, str(child), str(path)], capture_output=True, check=False, timeout=seconds, env=environment

@@ -3,13 +3,9 @@
 A damaged file may bring ezc3d down, or keep it busy without end; then it takes this process along, and no other.
 """
 
-# ruff: noqa: E402 -- the path comes first
-import sys
-
-del sys.path[0]  # this folder, whose modules are none of this program
-
 import contextlib
 import io
+import sys
 from typing import Any
 
 import numpy as np
