@@ -23,7 +23,7 @@ def curve(t: Array, y: Array, smooth: object = "auto") -> Signal:
 
 def uneven(count: int, seed: int = 0) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
-    t = np.sort(rng.uniform(0.0, 2.0, count))
+    t = (np.arange(count) + rng.uniform(-0.2, 0.2, count)) * 2.0 / count
     return t, 0.4 + 0.05 * np.sin(7.0 * t) + 0.01 * rng.normal(size=count)
 
 
@@ -92,6 +92,31 @@ def test_dense_samples_of_a_slow_motion_keep_their_digits() -> None:
     times = np.linspace(0.5, 9.5, 4001)
     off = curve(t, y).values(times, 2) + 0.05 * (2.0 * np.pi) ** 2 * np.sin(2.0 * np.pi * times)
     assert np.sqrt(np.mean(off**2)) < 0.04
+
+
+def sampled(kind: str) -> Array:
+    """Times of recordings that are no even grid, 5 s long."""
+    even, dense, rng = np.arange(501) / 100.0, np.arange(5001) / 1000.0, np.random.default_rng(0)
+    return {
+        "close pairs": np.sort(np.concatenate([even, [0.501, 1.0001, 1.0002, 2.0 + 1e-9]])),
+        "jitter": np.sort(even + 0.0045 * rng.uniform(-1.0, 1.0, len(even))), "random": np.sort(rng.uniform(0.0, 5.0, 500)),
+        "a long hole": dense[(dense < 2.0) | (dense > 2.19)],
+        "two rates": np.concatenate([dense[dense < 2.0], even[even >= 2.0]]),
+        "a third dropped": even[rng.uniform(size=len(even)) > 0.3], "10 kHz": np.arange(50_001) / 10_000.0,
+    }[kind]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["close pairs", "jitter", "random", "a long hole", "two rates", "a third dropped", "10 kHz"])
+@pytest.mark.parametrize("smooth", ["auto", Smoothing(sigma=1e-3)])
+def test_any_times_will_do(kind: str, smooth: object) -> None:
+    t = sampled(kind)
+    found = curve(t, 0.05 * np.sin(2.0 * np.pi * t) + 1e-3 * np.random.default_rng(1).normal(size=len(t)), smooth)
+    times = np.linspace(t[0] + 0.5, t[-1] - 0.5, 2001)
+    off = found.values(times, 2) + 0.05 * (2.0 * np.pi) ** 2 * np.sin(2.0 * np.pi * times)
+    assert np.sqrt(np.mean(off**2)) < 0.1
+    assert found.curve.residual == pytest.approx(1e-3, rel=0.2)
+    assert found.span == (t[0], t[-1]) == (found.curve.pieces[0, 0], found.curve.pieces[-1, 0])
+    np.testing.assert_array_equal(found.curve.values, found.values(t))
 
 
 @pytest.mark.parametrize("order", range(3))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vlmb.core import series
 from vlmb.errors import SceneError
-from vlmb.model.smoothing import FEWEST, Smooth, smoothed
+from vlmb.model.smoothing import FEWEST, Smooth, evaluate, smoothed
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Column, Data, Smoothing
 from vlmb.scene.tables import Smooth as Wanted
@@ -64,11 +64,7 @@ class Signal:
 
     def values(self, times: Array, order: int = 0) -> Array:
         """Return the curve or a derivative of it (N,) at times (N,); nan outside the data."""
-        pieces = self.curve.pieces
-        at = np.clip(np.searchsorted(pieces[:-1, 0], times, side="right") - 1, 0, len(pieces) - 2)
-        u, total = np.asarray(times) - pieces[at, 0], np.zeros(len(times))
-        for k in range(series.DEGREE, order - 1, -1):
-            total = total * u + float(np.prod(np.arange(k - order + 1, k + 1))) * pieces[at, series.LOWEST + k]
+        total = evaluate(self.curve.pieces, times, order)
         slack = series.SLACK * (self.span[1] - self.span[0])
         return np.where((times < self.span[0] - slack) | (times > self.span[1] + slack), np.nan, total)
 

@@ -9,28 +9,33 @@ divided differences D, 6 D s = G c, G_jk = integral M_j M_k, and
 
     (G + 36 p D D') c = 6 D y,    s = y - 6 p D' c:
 
-seven diagonals, a time that grows with the number of samples alone. p = 0 is the natural quintic interpolant. Times are taken in
-mean spacings, so that p says how many samples the curve is smoothed over: half of the amplitude is left at the angular
-frequency p^(-1/6) per sample.
+seven diagonals, a time that grows with the number of samples alone. p = 0 is the natural quintic interpolant. Samples much closer
+than usual spoil the digits of D; they are taken as one, at their mean time and with their weight (then D W^-1 D' stands above).
+Times are in mean spacings, so that p says how many samples the curve is smoothed over: half of the amplitude is left at the
+angular frequency p^(-1/6) per sample.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from vlmb.core.banded import trace_of_solution
+from vlmb.core.series import DEGREE, LOWEST, derivative
 
 Array = NDArray[np.float64]
 
-FEWEST = 6  # samples
+FEWEST, MANY = 6, 2000  # samples
 WEAKEST, STRONGEST = -12.0, 11.0  # log10 of p: beyond, digits are lost
 LOOKS = 47  # values of p that cross-validation looks at before it closes in on one
 CLOSE = 1e-2  # of log10 p
+CLOSEST = 0.5  # of the usual spacing: samples closer than that are taken as one
+ROUNDING, TINY = 1e-6, 1e-25  # by which what grows with p may fall: relative, and of the square of the size
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 GAUSS = np.polynomial.legendre.leggauss(3)
 
@@ -43,6 +48,7 @@ class Smooth:
     values: Array  # (N,) of the curve at the samples
     residual: float  # rms of the samples less the curve
     reach: float  # [s] over which the curve is smoothed: within it from an end, derivatives rest on one side alone
+    strongest: bool  # it could not be smoothed more
 
 
 def smoothed(t: Array, y: Array, sigma: float | None = None) -> Smooth:
@@ -51,31 +57,66 @@ def smoothed(t: Array, y: Array, sigma: float | None = None) -> Smooth:
     sigma: the rms residual that is wanted, 0 for a curve through all samples; None leaves it to generalized cross-validation,
     which takes the part of the samples that neighbours say nothing of for noise.
     """
-    spacing, level = (t[-1] - t[0]) / (len(t) - 1), float(y.mean())
+    closest, found = CLOSEST, _smoothed(t, y, sigma, CLOSEST)
+    while found.strongest and len(found.pieces) > MANY:  # more samples than digits can tell apart: some are taken together
+        closest *= 8.0
+        found = _smoothed(t, y, sigma, closest)
+    return found
+
+
+def _smoothed(t: Array, y: Array, sigma: float | None, closest: float) -> Smooth:
+    """Smooth samples of which those nearer than a share of the usual spacing are taken as one."""
+    times, means, weights = (t, y, np.ones(len(t))) if sigma == 0.0 else _merged(t, y, closest)
+    spacing, level = (times[-1] - times[0]) / (len(times) - 1), float(y.mean())
     size = float(np.abs(y - level).max()) or 1.0
-    problem = _Problem((t - t[0]) / spacing, (y - level) / size)
+    problem = _Problem((times - times[0]) / spacing, (means - level) / size, weights)
     p = 0.0
     if sigma is None:
         p = 10.0 ** problem.cross_validated()
     elif sigma > 0.0:
-        p = problem.with_residual(sigma / size)
-    values, bends = problem.solve(p)
-    pieces = problem.pieces(values, bends)
-    pieces[:, 0] = t
+        p = problem.with_square((sigma / size) ** 2)
+    pieces = problem.pieces(*problem.solve(p))
+    pieces[:, 0] = times
     pieces[:, 1:] *= size / spacing ** np.arange(6)
     pieces[:, 1] += level
-    values = level + size * values
-    return Smooth(pieces, values, float(np.sqrt(np.mean((y - values) ** 2))), float(spacing * max(p, 1.0) ** (1.0 / 6.0)))
+    pieces[0, 1:] = [derivative(pieces, 0, float(t[0] - times[0]), k) / math.factorial(k) for k in range(6)]
+    pieces[0, 0], pieces[-1, 0] = t[0], t[-1]
+    values = evaluate(pieces, t)
+    residual, reach = float(np.sqrt(np.mean((y - values) ** 2))), float(spacing * max(p, 1.0) ** (1.0 / 6.0))
+    return Smooth(pieces, values, residual, reach, p > 10.0 ** (STRONGEST - 2.0 * CLOSE))
+
+
+def evaluate(pieces: Array, times: Array, order: int = 0) -> Array:
+    """Return a curve, or a derivative of it, (N,) at times (N,); beyond its ends the first and last piece go on."""
+    at = np.clip(np.searchsorted(pieces[:-1, 0], times, side="right") - 1, 0, len(pieces) - 2)
+    u, total = np.asarray(times) - pieces[at, 0], np.zeros(len(times))
+    for k in range(DEGREE, order - 1, -1):
+        total = total * u + float(np.prod(np.arange(k - order + 1, k + 1))) * pieces[at, LOWEST + k]
+    return total
+
+
+def _merged(t: Array, y: Array, closest: float) -> tuple[Array, Array, Array]:
+    """Return mean times, mean values and numbers of samples, those within a share of the usual spacing taken together."""
+    least = closest * float(np.median(np.diff(t)))
+    if np.diff(t).min() >= least:
+        return t, y, np.ones(len(t))
+    group, begin, which = np.zeros(len(t), np.int64), t[0], 0
+    for k, time in enumerate(t.tolist()):
+        if time - begin >= least:
+            begin, which = time, which + 1
+        group[k] = which
+    count = np.bincount(group).astype(float)
+    return np.bincount(group, t) / count, np.bincount(group, y) / count, count
 
 
 class _Problem:
-    """The matrices of samples y (N,) at x (N,), in mean spacings."""
+    """The matrices of samples y (N,) at x (N,), in mean spacings, with weights (N,)."""
 
-    def __init__(self, x: Array, y: Array) -> None:
-        self.x, self.y = x, y
+    def __init__(self, x: Array, y: Array, weights: Array) -> None:
+        self.x, self.y, self.weights = x, y, weights
         self.knots = np.concatenate([x[0] - [2.0, 1.0], x, x[-1] + [1.0, 2.0]])  # those beyond the ends carry nothing
         self.d = _third_differences(x)
-        self.gram, self.square = self._gram(), _squared(self.d)
+        self.gram, self.square = self._gram(), _squared(self.d, weights)
         self.wanted = 6.0 * _apply(self.d, y)
 
     def _third(self, u: Array) -> list[Array]:
@@ -118,18 +159,20 @@ class _Problem:
         d, gram, c = self.d.astype(long), self.gram.astype(long), np.zeros(len(self.wanted), long)
         wanted = 6.0 * _apply(d, self.y.astype(long))
         for _ in range(1 + refinements):
-            missing = wanted - _banded(gram, c) - 36.0 * p * _apply(d, _apply_back(d, c))
+            missing = wanted - _banded(gram, c) - 36.0 * p * _apply(d, _apply_back(d, c) / self.weights)
             c = c + cho_solve_banded((factor, True), missing.astype(float))
-        return (self.y - 6.0 * p * _apply_back(d, c)).astype(np.float64), c.astype(np.float64)
+        return (self.y - 6.0 * p * _apply_back(d, c) / self.weights).astype(np.float64), c.astype(np.float64)
 
     def looked(self, exponent: float) -> tuple[float, float]:
-        """Return the mean square of the residuals and the share of the samples' freedom that is left to them."""
-        p = 10.0**exponent
-        factor = self.factor(p)
-        c = cho_solve_banded((factor, True), self.wanted)
-        rest = 6.0 * p * _apply_back(self.d, c)
-        n = len(self.y)
-        return float(rest @ rest) / n, max(1.0 - (3.0 + trace_of_solution(factor, self.gram)) / n, 1e-12)
+        """Return the mean square of the residuals and the share of the samples' freedom that is left to them; nan: no digits."""
+        p, n = 10.0**exponent, len(self.y)
+        try:
+            factor = self.factor(p)
+        except LinAlgError:
+            return math.nan, math.nan
+        rest = 6.0 * p * _apply_back(self.d, cho_solve_banded((factor, True), self.wanted))
+        share = 1.0 - (3.0 + trace_of_solution(factor, self.gram)) / n
+        return (float(rest**2 @ (1.0 / self.weights)) / n, max(share, 1e-12)) if share <= 1.0 - 2.9 / n else (math.nan, math.nan)
 
     def cross_validated(self) -> float:
         """Return log10 p where mean square / share^2 is least."""
@@ -138,10 +181,10 @@ class _Problem:
             square, share = self.looked(exponent)
             return square / share**2
 
-        grid = np.linspace(WEAKEST, STRONGEST, LOOKS)
-        scores = [score(exponent) for exponent in grid.tolist()]
+        grid, looks = self.sound()
+        scores = [square / share**2 for square, share in looks]
         best = len(scores) - 1 - int(np.argmin(scores[::-1]))  # the smoothest of equals
-        low, high = grid[max(best - 1, 0)], grid[min(best + 1, LOOKS - 1)]
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
         values = [score(exponent) for exponent in inner]
         while high - low > CLOSE:
@@ -155,16 +198,29 @@ class _Problem:
                 values[1] = score(inner[1])
         return float(0.5 * (low + high))
 
-    def with_residual(self, rms: float) -> float:
-        """Return the p under which the residuals have a root mean square, or come nearest to it: they grow with p."""
-        low, high = WEAKEST, STRONGEST
-        if self.looked(low)[0] >= rms**2:
+    def sound(self) -> tuple[list[float], list[tuple[float, float]]]:
+        """Look at values of log10 p in order, as far as digits last: residuals grow with p, and so does their freedom."""
+        grid: list[float] = []
+        looks: list[tuple[float, float]] = []
+        for exponent in np.linspace(WEAKEST, STRONGEST, LOOKS).tolist():
+            square, share = self.looked(exponent)
+            if looks and not (square >= looks[-1][0] * (1.0 - ROUNDING) - TINY and share >= looks[-1][1] - ROUNDING):
+                break
+            grid.append(exponent)
+            looks.append((square, share))
+        return grid, looks
+
+    def with_square(self, square: float) -> float:
+        """Return the p under which the residuals have a mean square, or come nearest to it: they grow with p."""
+        grid, looks = self.sound()
+        low, high = grid[0], grid[-1]
+        if looks[0][0] >= square:
             return 0.0
-        if self.looked(high)[0] <= rms**2:
+        if looks[-1][0] <= square:
             return float(10.0**high)
         while high - low > 0.1 * CLOSE:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.looked(middle)[0] < rms**2 else (low, middle)
+            low, high = (middle, high) if self.looked(middle)[0] < square else (low, middle)
         return float(10.0 ** (0.5 * (low + high)))
 
     def pieces(self, values: Array, c: Array) -> Array:
@@ -218,12 +274,12 @@ def _apply_back(d: Array, c: Array) -> Array:
     return out
 
 
-def _squared(d: Array) -> Array:
-    """Bands (4, N-3) of D D'."""
+def _squared(d: Array, weights: Array) -> Array:
+    """Bands (4, N-3) of D W^-1 D'."""
     n = d.shape[1]
     bands = np.zeros((4, n))
     for k in range(min(4, n)):
-        bands[k, : n - k] = sum(d[j, : n - k] * d[j - k, k:] for j in range(k, 4))
+        bands[k, : n - k] = sum(d[j, : n - k] * d[j - k, k:] / weights[j : j + n - k] for j in range(k, 4))
     return bands
 
 
