@@ -42,7 +42,7 @@ def core_chain(base: str, n: int) -> tuple[Tree, Array]:
         link[i] = i - 1, t.TIP, p + 5 * i, v + 5 * i, 1, 1, 0, 1
         real[i, : t.ON_ROD] = ROD, MASS, ROD / 2, MASS * ROD**2 / 12, TIP, *spring, *spring
     own = [BASES["ski"][key] for key in ("mass", "inertia", "com_offset")]
-    tree = Tree(np.array([t.SKI if ski else t.PIVOT, p + 5 * n, v + 5 * n, n]), np.array([*own, 0.0, 0.0, -9.81]), link, real)
+    tree = Tree(np.array([t.SKI if ski else t.PIVOT, p + 5 * n, v + 5 * n, n, 0]), np.array([*own, 0.0, 0.0, -9.81]), link, real)
     y = 0.3 * random.normal(size=p + v + 10 * n)
     for i in range(n):
         d = random.normal(size=3)

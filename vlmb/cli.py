@@ -1,11 +1,12 @@
 """The command line: vlmb run | info | check | matrices | plot | view | bench.
 
-Exit codes: 0 done, 1 failed, refused or doubtful, 2 wrong usage.
+Exit codes: 0 done, 1 failed, refused, interrupted or doubtful, 2 wrong usage.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -22,6 +23,8 @@ from vlmb.model.mechanism import build
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
+from vlmb.simulation.files import replacing, write_text
+from vlmb.simulation.keeping import ended_by_signals, keep
 from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.methods import METHODS
 from vlmb.simulation.simulate import Checked, check, run_options, simulate
@@ -32,7 +35,8 @@ from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 from vlmb.views import view, work_precision_plots
 from vlmb.views.page import page
-from vlmb.views.stills import animation, frames
+from vlmb.views.stills import animation, frames, save_still
+from vlmb.views.terminal import parsed, printable
 from vlmb.views.visual_model import Scenery, of_trajectory
 
 OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "engine", "max_step")  # of `vlmb run`
@@ -41,32 +45,33 @@ OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; print errors as one sentence on stderr."""
     parser = make_parser()
-    args = parser.parse_args(arguments)
-    try:
-        return int(args.run(args))
-    except VlmbError as error:
-        scene = getattr(args, "scene", None)
-        where = f"{scene}: " if scene and str(scene) not in str(error) else ""
-        print(f"vlmb {args.command}: {where}{error}", file=sys.stderr)
-        return 1
-    except BrokenPipeError:
-        return 1
-    except KeyboardInterrupt:
-        print("vlmb: interrupted", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"vlmb {args.command}: {error.filename or ''}: {error.strerror}", file=sys.stderr)
-        return 1
+    with printable(), ended_by_signals():
+        args = parsed(parser, arguments)
+        try:
+            return int(args.run(args))
+        except VlmbError as error:
+            scene = getattr(args, "scene", None)
+            where = f"{scene}: " if scene and str(scene) not in str(error) else ""
+            print(f"vlmb {args.command}: {where}{error}", file=sys.stderr)
+        except BrokenPipeError:
+            pass
+        except KeyboardInterrupt:
+            print(f"vlmb {args.command}: interrupted; earlier results are as they were", file=sys.stderr)
+        except OSError as error:
+            print(f"vlmb {args.command}: {error.filename or ''}: {error.strerror}", file=sys.stderr)
+    return 1
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Describe every command."""
     parser = argparse.ArgumentParser(prog="vlmb", description="Mechanisms whose links change their length, on Pinocchio.")
     parser.add_argument("--version", action="version", version=f"vlmb {__version__}")
+    parser.commands = {}  # type: ignore[attr-defined]
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, what: str, run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
         added = commands.add_parser(name, help=what, description=what)
+        parser.commands[name] = added  # type: ignore[attr-defined]
         added.set_defaults(run=run)
         return added
 
@@ -97,7 +102,7 @@ def make_parser() -> argparse.ArgumentParser:
     measured = command("bench", "measure error against CPU time of every method and form of the knife edge", _bench)
     _bench_arguments(measured)
     plot = command("plot", "draw the plots of stored runs; several runs share one figure", _plot)
-    plot.add_argument("runs", nargs="+", help="stored runs (.npz)")
+    plot.add_argument("runs", nargs="*", help="stored runs (.npz)")
     plot.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
     plot.add_argument("-o", "--output", type=Path, default=Path("plots"), help="folder for the pictures")
     return parser
@@ -118,31 +123,64 @@ def _run(args: argparse.Namespace) -> int:
     run = run_options(scene, **changes)
     if args.view:
         view.need_display()
-    folder = args.output or Path("results") / path.stem
+    folder = args.output or Path("results") / _name_of(path)
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
-        trajectory = _with_progress(
-            lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0)),
-            run.duration,
-            args.quiet,
+        kept = keep(
+            lambda: _with_progress(
+                lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0)),
+                run.duration,
+                args.quiet,
+            ),
+            folder,
         )
     except BaseException:
-        for part in made:
-            part.rmdir()
+        _remove(made)
         raise
-    written = [trajectory.save(folder / "run.npz"), trajectory.save_csv(folder / "run.csv")]
+    trajectory, written, ended = kept.trajectory, kept.written, kept.ended
+    for sentence in kept.said:
+        print(f"vlmb run: {sentence}", file=sys.stderr)
     print(trajectory.summary())
-    if not args.no_plots:
-        for what, draw in (("plots", _draw), ("run.html", _page)):
-            try:
-                written += draw(trajectory, folder)
-            except VlmbError as error:
-                print(f"no {what}: {error}", file=sys.stderr)
-    print("wrote " + ", ".join(str(file) for file in written))
-    if args.view:
+    if not (args.no_plots or ended):
+        try:
+            for what, draw in (("plots", _draw), ("run.html", _page)):
+                try:
+                    written += draw(trajectory, folder)
+                except VlmbError as error:
+                    print(f"no {what}: {error}", file=sys.stderr)
+        except KeyboardInterrupt:
+            ended = True
+    if ended and not args.no_plots:
+        print("vlmb run: interrupted: pictures in this folder may be those of an earlier run", file=sys.stderr)
+    print(_wrote(written))
+    if kept.error is not None:
+        raise kept.error
+    if args.view and not ended:
         view.keep(view.play(trajectory, browser=True))
-    return 0 if trajectory.status in ("finished", "stopped") and not trajectory.doubts else 1
+    return 0 if trajectory.status in ("finished", "stopped") and not (trajectory.doubts or ended or kept.said) else 1
+
+
+def _name_of(path: Path) -> str:
+    """Name a folder of results: a scene's name; of a stored run, whose file is mostly run.npz, its folder's, as a replay."""
+    if path.suffix != ".npz":
+        return path.stem
+    return f"{path.resolve().parent.name if path.stem == 'run' else path.stem}_replay"
+
+
+def _wrote(files: Sequence[Path]) -> str:
+    """List written files, many of one folder by their names."""
+    folders = {file.parent for file in files}
+    if len(files) < 4 or len(folders) > 1:
+        return "wrote " + ", ".join(str(file) for file in files)
+    return f"wrote into {folders.pop()}: " + ", ".join(file.name for file in files)
+
+
+def _remove(folders: list[Path]) -> None:
+    """Remove folders that were made for a run that wrote nothing."""
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def _draw(trajectory: Trajectory, folder: Path) -> list[Path]:
@@ -205,12 +243,12 @@ def _plot(args: argparse.Namespace) -> int:
 
     runs = [load_trajectory(path) for path in args.runs]
     written = save_all(runs if len(runs) > 1 else runs[0], args.output, args.only)
-    print("wrote " + ", ".join(str(file) for file in written))
+    print(_wrote(written))
     return 0
 
 
 def _matrices_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument("scene", nargs="?", help="scene file (.toml)")
     parser.add_argument(
         "--at", action="append", nargs="+", metavar="NAME=VALUE", default=[],
         help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 legs.azimuth_dot=0.5 speed=8 [m, rad, s]",
@@ -234,14 +272,14 @@ def _matrices(args: argparse.Namespace) -> int:
     if args.format == "npz":
         if args.output is None:
             raise VlmbError("--format npz: a binary file needs --output FILE")
-        with args.output.open("wb") as file:
+        with replacing(args.output) as beside, beside.open("wb") as file:
             np.savez(file, **matrices.arrays(eom, wanted))  # type: ignore[arg-type]
     else:
         content = {"text": matrices.text, "latex": matrices.latex, "csv": matrices.comma_separated}[args.format](eom, found)
         if args.output is None:
             print(content, end="")
             return 0
-        args.output.write_text(content, encoding="utf-8")
+        write_text(args.output, content)
     print(f"wrote {args.output}")
     return 0
 
@@ -278,8 +316,7 @@ def _view(args: argparse.Namespace) -> int:
     size: dict[str, Any] = {"size": tuple(args.size)} if args.size else {}
     written: list[Path] = []
     if args.png:
-        view.picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size).save(args.png)
-        written.append(args.png)
+        written.append(save_still(view.picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size), args.png))
     for path, usual in ((args.gif, 20.0), (args.mp4, 30.0)):
         if path:
             fps = args.fps or usual
@@ -287,8 +324,7 @@ def _view(args: argparse.Namespace) -> int:
     if args.frames:
         written += frames(made(args.fps or 30.0), args.frames, fps=args.fps or 30.0, **size)[:1]
     if args.html:
-        args.html.write_text(page(made(args.fps or view.FPS), args.speed), encoding="utf-8")
-        written.append(args.html)
+        written.append(write_text(args.html, page(made(args.fps or view.FPS), args.speed)))
     if written:
         print("wrote " + ", ".join(str(path) for path in written) + (", ..." if args.frames else ""))
         return 0
@@ -316,9 +352,9 @@ def _bench(args: argparse.Namespace) -> int:
     where = bench.footer()
     page = "\n\n".join(["# Work and precision", *(bench.section(entry) for entry in found)])
     files = [args.output / f"bench.{end}" for end in ("md", "json", "png")]
-    files[0].write_text(f"{page}\n\nMeasured by `vlmb bench` on {where}\n", encoding="utf-8")
+    write_text(files[0], f"{page}\n\nMeasured by `vlmb bench` on {where}\n")
     data = {"scenes": [bench.as_data(entry) for entry in found], "machine": where}
-    files[1].write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(files[1], json.dumps(data, indent=1, allow_nan=False) + "\n")
     work_precision_plots.save(found, files[2])
     print(page)
     print("wrote " + ", ".join(map(str, files)))

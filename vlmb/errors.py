@@ -32,6 +32,10 @@ class TrajectoryError(VlmbError):
     """A stored trajectory cannot be read, or does not have what is asked of it."""
 
 
+class OutputError(VlmbError, OSError):
+    """A file cannot be written; what stood there before is as it was."""
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Say which valid names come nearest to a wrong one, or list the valid ones when none is near."""
     names = [str(entry) for entry in valid]

@@ -67,6 +67,8 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
     path = source.removeprefix(f"{REPOSITORY}/") if source.startswith(f"{REPOSITORY}/") else f"docs/{source}"
     if "<!-- gallery -->" in markdown:
         markdown = markdown.replace("<!-- gallery -->", gallery())
+    if "<!-- promises -->" in markdown:
+        markdown = markdown.replace("<!-- promises -->", (DOCS / "acceptance" / "promises.md").read_text(encoding="utf-8"))
     if "<!-- figures -->" in markdown:
         markdown = markdown.replace("<!-- figures -->", figures())
     parts, end = [], 0

@@ -1,7 +1,8 @@
 """The equations of a tree of links by d'Alembert, all at once: Jacobians of masses, and a multiplier for every |d| = 1.
 
 Nothing here is recursive in forces, and nothing is shared with the core but the meaning of its arrays. Works for floats and for
-numbers of any precision. Every segment has a column, given ones too, so that the forces they take come out.
+numbers of any precision. Every segment has a column, given ones too, so that the forces they take come out. Directions in the
+frame of a ski have a second multiplier, which keeps them from going sideways.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ class Model(NamedTuple):
     """All masses, and rods by the columns of their directions."""
 
     masses: list[Mass]
-    rods: list[tuple[Any, int]]  # transverse inertia, first column of u
+    rods: list[tuple[Any, Point]]  # transverse inertia, and the direction as a point
     yaw: Any  # inertia of the ski about its centre
-    directions: list[tuple[int, Any, Any]]  # first column of u, d, u
+    directions: list[tuple[int, Any, Any]]  # first column of u, d, u, as the state has them
     columns: list[int]  # of the velocities
     given: Any  # (n, 2) columns of given segments, or -1
 
@@ -62,7 +63,7 @@ def square_root(x: Any) -> Any:
 
 def model_of(tree: Tree, y: Any, given: Any) -> Model:
     """Build Jacobians at a state."""
-    kind, positions, _, n = tree.shape
+    kind, positions, _, n, upright = tree.shape
     zero = 0 * y[0]
     base_columns = {t.PIVOT: 0, t.FREE: 3, t.SKI: 2, t.SLIDING: 3}[kind]
     width = base_columns + 5 * n
@@ -113,6 +114,14 @@ def model_of(tree: Tree, y: Any, given: Any) -> Model:
         d, u = y[at_p : at_p + 3], v[at_v : at_v + 3]
         d = d / square_root(d @ d)
         u = u - (u @ d) * d
+        directions.append((c, d, u))
+        turning, drift = nothing(), vector(0, 0, 0)
+        turning[:, c : c + 3] = np.eye(3)
+        if upright:
+            axes, quarter = np.column_stack([forward, left, up]), np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0]])
+            turning[:, c : c + 3], turning[:, yaw_column] = axes, axes @ quarter @ d
+            drift = axes @ (2 * yaw_rate * (quarter @ u) + yaw_rate**2 * (quarter @ quarter @ d))
+            d, u = axes @ d, axes @ (u + yaw_rate * (quarter @ d))
         lengths, free = [], 0
         for side, is_free in enumerate((lower_free, upper_free)):
             if is_free:
@@ -123,15 +132,17 @@ def model_of(tree: Tree, y: Any, given: Any) -> Model:
                 given_columns[i, side] = c + 3 + side
         columns += [c, c + 1, c + 2] + [c + 3] * int(lower_free) + [c + 4] * int(upper_free)
 
-        def on_link(hinge: Point, r: Any, sides: int, c=c, d=d, u=u, lengths=lengths) -> Point:  # type: ignore[no-untyped-def]
+        way = Point(d, u, turning, drift)
+
+        def on_link(hinge: Point, r: Any, sides: int, c=c, way=way, lengths=lengths) -> Point:  # type: ignore[no-untyped-def]
             """Point at r beyond the lower segment (sides 1) or beyond both (2)."""
             far, rate, second = (sum(values[:sides]) for values in zip(*lengths, strict=True))
-            moved = hinge.jacobian.copy()
-            moved[:, c : c + 3] += (far + r) * np.eye(3)
+            d, u, turning, drift = way
+            moved = hinge.jacobian + (far + r) * turning
             for side in range(sides):
                 moved[:, c + 3 + side] += d
-            drift = hinge.bias + second * d + 2 * rate * u
-            return Point(hinge.place + (far + r) * d, hinge.velocity + rate * d + (far + r) * u, moved, drift)
+            bias = hinge.bias + second * d + 2 * rate * u + (far + r) * drift
+            return Point(hinge.place + (far + r) * d, hinge.velocity + rate * d + (far + r) * u, moved, bias)
 
         if parent < 0:
             hinge = carried(*real[t.ANCHOR : t.ANCHOR + 3])
@@ -142,8 +153,7 @@ def model_of(tree: Tree, y: Any, given: Any) -> Model:
         origins.append(lambda s, hinge=hinge, on_link=on_link: on_link(hinge, s, 1))
         units.append(on_link(hinge, real[t.LENGTH], 2))
         masses += [Mass(real[t.MASS], on_link(hinge, real[t.CENTRE], 1)), Mass(real[t.TIP_MASS], units[i])]
-        rods.append((real[t.INERTIA], c))
-        directions.append((c, d, u))
+        rods.append((real[t.INERTIA], way))
     return Model(masses, rods, (tree.base[t.BASE_INERTIA], yaw_column), directions, columns, given_columns)
 
 
@@ -170,9 +180,8 @@ def mass_matrix(model: Model, zero: Any) -> Any:
     matrix = np.zeros((width, width), np.asarray([zero]).dtype) + zero
     for mass, point in model.masses:
         matrix += mass * (point.jacobian.T @ point.jacobian)
-    for inertia, c in model.rods:
-        for k in range(c, c + 3):
-            matrix[k, k] += inertia
+    for inertia, way in model.rods:
+        matrix += inertia * (way.jacobian.T @ way.jacobian)
     inertia, column = model.yaw
     if column >= 0:
         matrix[column, column] += inertia
@@ -185,15 +194,19 @@ def accelerations(tree: Tree, y: Any, given: Any, force: Any) -> tuple[Any, Any]
     zero = 0 * y[0]
     matrix, gravity = mass_matrix(model, zero), tree.base[t.GRAVITY :]
     load = sum(mass * (point.jacobian.T @ (point.bias - gravity)) for mass, point in model.masses)
+    load = load + sum(inertia * (way.jacobian.T @ way.bias) for inertia, way in model.rods)
     columns, n, count = model.columns, len(model.directions), len(model.columns)
-    whole = np.zeros((count + n, count + n), matrix.dtype) + zero
-    right = np.zeros(count + n, matrix.dtype) + zero
+    held = n * (2 if tree.shape[t.UPRIGHT] else 1)
+    whole = np.zeros((count + held, count + held), matrix.dtype) + zero
+    right = np.zeros(count + held, matrix.dtype) + zero
     whole[:count, :count] = matrix[np.ix_(columns, columns)]
     right[:count] = applied(tree, y, force) - load[columns]
     for i, (c, d, u) in enumerate(model.directions):
         at = columns.index(c)
         whole[count + i, at : at + 3] = whole[at : at + 3, count + i] = d
         right[count + i] = -(u @ u)
+        if held > n:
+            whole[count + n + i, at + 1] = whole[at + 1, count + n + i] = 1
     found = solve(whole, right)[:count]
     everything = np.zeros(len(matrix), matrix.dtype) + zero
     everything[columns] = found
@@ -204,7 +217,7 @@ def accelerations(tree: Tree, y: Any, given: Any, force: Any) -> tuple[Any, Any]
 
 def rates(tree: Tree, y: Any, given: Any, force: Any) -> tuple[Any, Any]:
     """What `accelerate` is to write, and the axial forces of given segments."""
-    kind, positions, velocities, _ = tree.shape
+    kind, positions, velocities = tree.shape[:3]
     vdot, axial = accelerations(tree, y, given, force)
     out, v = 0 * y[: positions + velocities], y[positions:]
     out[positions:] = vdot
@@ -231,7 +244,7 @@ def energies(tree: Tree, y: Any, given: Any) -> tuple[Any, Any, Any]:
     model = model_of(tree, y, given)
     gravity = tree.base[t.GRAVITY :]
     kinetic = sum(mass * (point.velocity @ point.velocity) for mass, point in model.masses)
-    kinetic += sum(inertia * (u @ u) for (inertia, _), (_, _, u) in zip(model.rods, model.directions, strict=True))
+    kinetic += sum(inertia * (way.velocity @ way.velocity) for inertia, way in model.rods)
     inertia, column = model.yaw
     if column >= 0:
         kinetic += inertia * y[tree.shape[t.POSITIONS] + column] ** 2

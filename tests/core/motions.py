@@ -51,7 +51,8 @@ class Motion:
             real[:, tree.ANCHOR :] *= base == tree.PIVOT
         if base == tree.PIVOT:
             constants[:3] = 0.0
-        self.shape = np.array([base, p, v, n], np.int64)
+        self.upright = plane and base in (tree.SKI, tree.SLIDING)
+        self.shape = np.array([base, p, v, n, self.upright], np.int64)
         self.link, self.real, self.constants = link, real, constants
         self.place = [Wave(rng, 0.3, 1.0) for _ in range(3)]
         self.yaw, self.ahead, self.left = Wave(rng, 0.4, 0.8), Wave(rng, 2.0, 1.0), Wave(rng, 0.1, 0.5)
@@ -73,8 +74,8 @@ class Motion:
         return self.yaw(t, order) if steers else mpmath.mpf(0)
 
     def direction(self, i: int, t: Number) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """d, d', d'' by the chain rule."""
-        f, f1, f2 = (self.azimuth(i, t, order) for order in range(3))
+        """d, d', d'' by the chain rule, in the frame that the state has them in."""
+        f, f1, f2 = (mpmath.mpf(0) if self.upright else self.azimuth(i, t, order) for order in range(3))
         s, s1, s2 = (self.psi[i](t, order) for order in range(3))
         cf, sf, cs, ss = mpmath.cos(f), mpmath.sin(f), mpmath.cos(s), mpmath.sin(s)
         d = np.array([cf * cs, sf * cs, ss], object)
@@ -155,6 +156,7 @@ def mechanisms() -> list[Motion]:
     return [
         *found,
         Motion(tree.SKI, parents, on_rod, 11, plane=True),
+        Motion(tree.SLIDING, parents, on_rod, 13, plane=True),
         Motion(tree.PIVOT, [-1, 0], [False, False], 12, plane=True),
     ]
 

@@ -24,8 +24,7 @@ from vlmb.core.scratch import Scratch, axial_forces, edge_force, make_scratch
 from vlmb.core.tree import Tree
 
 ROOT = Path(__file__).resolve().parents[2]
-KINDS = (t.PIVOT, t.FREE, t.SKI, t.SLIDING)
-NAMES = ("pivot", "free", "ski", "sliding")
+KINDS = (t.PIVOT, t.FREE, t.SKI, t.SLIDING, trees.UPRIGHT_SKI, trees.UPRIGHT_SLIDING)
 BRANCHED = trees.tidy(
     t.FREE,
     [
@@ -76,7 +75,7 @@ def test_accelerations_are_those_of_the_dense_equations(case: Case) -> None:
 @drawn(any_case(), st.integers(0, 10**6))
 def test_responses_are_what_forces_add_and_symmetric(case: Case, seed: int) -> None:
     dy, scratch = evaluate(case)
-    one, two = np.random.default_rng(seed).normal(size=(2, len(case.force)))
+    one, two = trees.in_plane(case.tree, np.random.default_rng(seed).normal(size=(2, len(case.force))))
     first, second = response(case, scratch, one), response(case, scratch, two)
     more, _ = evaluate(case._replace(force=case.force + one))
     added = (more - dy)[case.tree.shape[t.POSITIONS] :]
@@ -145,14 +144,14 @@ def test_lengths_of_directions_and_rates_along_them_do_not_matter(case: Case, no
 
 
 @settings(max_examples=30, deadline=None)
-@drawn(st.integers(0, 10**6), st.booleans())
-def test_the_knife_edge_holds_a_ski_that_could_slide(seed: int, on_rod: bool) -> None:
-    ski = trees.make(t.SKI, [Link(), Link(0, on_rod), Link()], seed)
+@drawn(st.integers(0, 10**6), st.booleans(), st.sampled_from([t.SKI, trees.UPRIGHT_SKI]))
+def test_the_knife_edge_holds_a_ski_that_could_slide(seed: int, on_rod: bool, kind: int) -> None:
+    ski = trees.make(kind, [Link(), Link(0, on_rod), Link()], seed)
     tree, y, given, force = ski
     p, more = tree.shape[t.POSITIONS], tree.link.copy()
     more[:, t.AT_V] += 1
     dy, scratch = evaluate(ski)
-    free = Tree(tree.shape + np.array([t.SLIDING - t.SKI, 0, 1, 0]), tree.base, more, tree.real)
+    free = Tree(tree.shape + np.array([t.SLIDING - t.SKI, 0, 1, 0, 0]), tree.base, more, tree.real)
     sliding = Case(free, np.insert(y, p + 1, 0.0), given, np.insert(force, 1, edge_force(scratch)))
     right = np.insert(dy, p + 1, 0.0)
     assert relative(evaluate(sliding)[0], right) < 1e-13
@@ -218,6 +217,7 @@ def test_evaluations_are_right_to_the_last_digits() -> None:
     requests = [request(kind, chain(n), n, n <= 8) for kind in KINDS for n in (1, 8)]
     requests += [request(kind, BRANCHED, 3, True) for kind in KINDS]
     requests += [request(t.PIVOT, chain(50), 1, False), request(t.SKI, chain(200), 2, False)]
+    requests += [request(trees.UPRIGHT_SKI, chain(200), 2, False)]
     errors = judged(requests)
     assert max(entry.get("dense", 0.0) for entry in errors) < 1e-45
     assert max(entry["rates"] for entry in errors) < 2e-15, errors

@@ -16,7 +16,7 @@ def plain(numbers: np.ndarray) -> np.ndarray:
     return numbers.astype(float)
 
 
-@pytest.mark.parametrize("at", range(6))
+@pytest.mark.parametrize("at", range(len(mechanisms())))
 def test_rates_rows_and_drifts_compiled(at: int) -> None:
     motion, t, h = mechanisms()[at], mpmath.mpf("0.37"), mpmath.mpf("1e-5")
     shape, entries = motion.tree(exact=False), kinds(motion)

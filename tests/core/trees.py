@@ -10,6 +10,8 @@ import numpy as np
 from vlmb.core import tree as t
 from vlmb.core.tree import Array, Tree
 
+UPRIGHT_SKI, UPRIGHT_SLIDING = 4, 5  # kinds beside those of a base: links stay in upright planes along the ski
+UPRIGHT_KINDS = {UPRIGHT_SKI: t.SKI, UPRIGHT_SLIDING: t.SLIDING}
 BASE_SIZES = {t.PIVOT: (0, 0), t.FREE: (3, 3), t.SKI: (3, 2), t.SLIDING: (3, 3)}
 STIFFNESS, REST, DAMPING = 900.0, 0.25, 7.0
 
@@ -37,7 +39,7 @@ class Case(NamedTuple):
 def make(kind: int, links: Sequence[Link], seed: int = 0, anchors: bool = True, raw: bool = False) -> Case:
     """Make a random case; with `raw`, directions have any length and rates a part along them."""
     random = np.random.default_rng(seed)
-    n = len(links)
+    n, upright, kind = len(links), kind in UPRIGHT_KINDS, UPRIGHT_KINDS.get(kind, kind)
     p, v = BASE_SIZES[kind]
     ints, real, given = np.zeros((n, 8), np.int64), np.zeros((n, 16)), np.zeros((n, 6))
     for i, chosen in enumerate(links):
@@ -60,13 +62,16 @@ def make(kind: int, links: Sequence[Link], seed: int = 0, anchors: bool = True, 
     y = random.normal(size=p + v)
     for row in ints:
         at, rate = row[t.AT_P], p + row[t.AT_V]
+        if upright:
+            y[at + 1] = y[rate + 1] = 0.0
         d = y[at : at + 3] / np.linalg.norm(y[at : at + 3])
         if not raw:
             y[rate : rate + 3] -= (y[rate : rate + 3] @ d) * d
             y[at : at + 3] = d
         free = row[t.LOWER_FREE] + row[t.UPPER_FREE]
         y[at + 3 : at + 3 + free] = random.uniform(0.1, 0.4, free)
-    return Case(Tree(np.array([kind, p, v, n]), base, ints, real), y, given, random.normal(size=v) * 5.0)
+    tree = Tree(np.array([kind, p, v, n, upright]), base, ints, real)
+    return Case(tree, y, given, in_plane(tree, random.normal(size=v) * 5.0))
 
 
 def chain(n: int, kind: int = t.PIVOT, seed: int = 0, **changes: bool) -> Case:
@@ -83,6 +88,14 @@ def tidy(kind: int, links: Sequence[Link]) -> list[Link]:
             parent=min(link.parent, i - 1), rod_mass=rod_mass, tip_mass=link.tip_mass or link.upper_free or not rod_mass
         ))  # fmt: skip
     return made
+
+
+def in_plane(tree: Tree, forces: Array) -> Array:
+    """Take out of generalized forces (..., velocities) what would push a direction out of its upright plane."""
+    forces = np.array(forces)
+    if tree.shape[t.UPRIGHT]:
+        forces[..., tree.link[:, t.AT_V] + 1] = 0.0
+    return forces
 
 
 def case_of(text: list[object]) -> Case:

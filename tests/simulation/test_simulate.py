@@ -24,6 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vlmb
+from tests.interrupting import usual_signals
 from tests.simulation.test_events import MIDDLE, SWING, oscillator
 from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, bent, link, scene, table, write_toml
 from vlmb.simulation.methods import METHODS
@@ -366,9 +367,10 @@ def test_progress_is_told_the_time(engine: str) -> None:
 def test_a_signal_interrupts_a_run(engine: str, control: Any) -> None:
     """Ctrl-C, from another thread while the run is under way: whatever is computed is kept."""
     timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
-    timer.start()
-    run = vlmb.simulate(bent(PIVOT, 2), duration=1e5, method="adams", engine=engine, control=control, t_eval=np.arange(1e5))
-    timer.join()
+    with usual_signals():
+        timer.start()
+        run = vlmb.simulate(bent(PIVOT, 2), duration=1e5, method="adams", engine=engine, control=control, t_eval=np.arange(1e5))
+        timer.join()
     assert run.status == "interrupted" and re.match(r"interrupted at t = \S+ s; the part so far is kept", run.message)
     assert 0 < len(run) < 1e5 and run.t[-1] <= 1.00001 * float(run.message.split()[4])
     assert np.isfinite(run.states).all() and run.stats["steps"] > 0

@@ -85,7 +85,7 @@ def push_azimuth(tree: Tree, y: Array, i: int, force: float, out: Array) -> int:
     flat = d[0] * d[0] + d[1] * d[1]
     if flat < POLE * POLE:
         return AT_POLE
-    places.push_direction(tree, i, d, scaled(force / flat, places.leftwards(d)), out)
+    places.push_direction(tree, y, i, d, scaled(force / flat, places.leftwards(d)), out)
     return FINE
 
 
@@ -94,7 +94,7 @@ def push_elevation(tree: Tree, y: Array, i: int, near: Array, force: float, out:
     """Add the row of psi, u_psi, times a moment M_psi."""
     d = places.link_direction(tree, y, i)[0]
     phi, _, side = read_branch(d, near[0], near[1])
-    places.push_direction(tree, i, d, scaled(force, axes_at(d, phi, side)[1]), out)
+    places.push_direction(tree, y, i, d, scaled(force, axes_at(d, phi, side)[1]), out)
 
 
 # Angles of directions in the upright plane of the heading
@@ -117,7 +117,7 @@ def push_plane_elevation(tree: Tree, y: Array, which: int, force: float, out: Ar
     """Add the row of psi in the plane times a moment; a heading and a normal take none."""
     if which >= 0:
         d, h = places.link_direction(tree, y, which)[0], places.heading(tree, y)
-        places.push_direction(tree, which, d, plus((0.0, 0.0, force * dot(d, h)), -force * d[2], h), out)
+        places.push_direction(tree, y, which, d, plus((0.0, 0.0, force * dot(d, h)), -force * d[2], h), out)
 
 
 @kernel
@@ -152,6 +152,6 @@ def push_angle(tree: Tree, y: Array, first: int, second: int, force: float, out:
     sine = sqrt(dot(n, n))
     if sine < POLE:
         return LINED_UP
-    places.push_direction(tree, first, a, scaled(-force / sine, b), out)
-    places.push_direction(tree, second, b, scaled(-force / sine, a), out)
+    places.push_direction(tree, y, first, a, scaled(-force / sine, b), out)
+    places.push_direction(tree, y, second, b, scaled(-force / sine, a), out)
     return FINE

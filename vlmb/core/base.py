@@ -6,13 +6,16 @@ with phi'. A hinge at r moves with a_A + phi'' tau - phi'^2 r (horizontal part),
     force      S0 a_A + S1 phi'' + f0,    S0 = sum A,        S1 = sum A tau,         f0 = sum (f - phi'^2 A r)
     yaw        S1 . a_A + S2 phi'' + f1,                     S2 = sum tau . A tau,   f1 = sum tau . (f - phi'^2 A r)
 
-Where there is no heading the axes are zero, and so is tau. Accelerations are less gravity's.
+Where there is no heading the axes are zero, and so is tau. Accelerations are less gravity's. Links in upright planes along a ski
+ask through their hinges for forces ahead and up alone; what they ask for sideways is in sideways.py. All vectors are then in the
+frame of the ski.
 """
 
 from __future__ import annotations
 
 from vlmb.core import scratch as c
 from vlmb.core.jit import cos, kernel, reciprocal, sin
+from vlmb.core.segments import yaw_of
 from vlmb.core.tree import (
     ANCHOR,
     BASE_INERTIA,
@@ -27,6 +30,7 @@ from vlmb.core.tree import (
     POSITIONS,
     SKI,
     TINY,
+    UPRIGHT,
     Array,
     Tree,
 )
@@ -50,19 +54,21 @@ from vlmb.core.vectors import (
 
 @kernel(inline=True)
 def face(tree: Tree, y: Array, rows: Array) -> None:
-    """Read the heading."""
+    """Read the heading, and how fast it turns."""
     n = tree.shape[LINKS]
     if tree.shape[BASE_KIND] >= SKI:
-        rows[n, c.COSINE], rows[n, c.SINE] = cos(y[2]), sin(y[2])
-        rate = y[tree.shape[POSITIONS] + (1 if tree.shape[BASE_KIND] == SKI else 2)]
-        rows[n, c.SPIN] = rate * rate
+        cosine, sine, rate = cos(y[2]), sin(y[2]), yaw_of(tree, y)
+        rows[n, c.COSINE], rows[n, c.SINE], rows[n, c.SPIN] = cosine, sine, rate * rate
+        rows[n, c.AHEAD], rows[n, c.AHEAD + 1] = cosine, sine
+        if tree.shape[UPRIGHT] != 0:
+            rows[n, c.AHEAD], rows[n, c.AHEAD + 1] = 1.0 + 0.0 * cosine, 0.0 * sine
 
 
 @kernel(inline=True)
 def heading(tree: Tree, rows: Array) -> tuple[Vector, Vector]:
-    """Find the horizontal axes of the ski, forward and left."""
+    """Find the horizontal axes of the ski, forward and left, in the frame of the directions."""
     n = tree.shape[LINKS]
-    cosine, sine = rows[n, c.COSINE], rows[n, c.SINE]
+    cosine, sine = rows[n, c.AHEAD], rows[n, c.AHEAD + 1]
     return Vector(cosine, sine, 0.0 * sine), Vector(-sine, cosine, 0.0 * sine)
 
 
@@ -79,12 +85,21 @@ def hang_inertia(tree: Tree, rows: Array, i: int, inertia: Sym3) -> None:
     """Add the inertia that a root link shows to the base, and what it feels of the whirl of the ski."""
     n = tree.shape[LINKS]
     place, tau = arm(tree, rows, i)
+    if tree.shape[UPRIGHT] != 0:
+        inertia = in_plane(inertia)
     coupled, drawn = times(inertia, tau), scale(-rows[n, c.SPIN], times(inertia, place))
     gather_sym3(rows, n, c.SUM, 1.0, inertia)
     gather_vector(rows, n, c.TURN_SUM, 1.0, coupled)
     gather_vector(rows, n, c.FORCE, 1.0, drawn)
     rows[n, c.TURN_SQUARE] += dot(tau, coupled)
     rows[n, c.TURN_FORCE] += dot(tau, drawn)
+
+
+@kernel(inline=True)
+def in_plane(m: Sym3) -> Sym3:
+    """Leave out what a matrix has sideways."""
+    zero = 0.0 * m.xx
+    return Sym3(m.xx, zero, m.xz, zero, zero, m.zz)
 
 
 @kernel(inline=True)
@@ -101,7 +116,10 @@ def hinge_of_root(tree: Tree, rows: Array, i: int) -> Vector:
     """Find the acceleration of a root link's hinge, less gravity's."""
     n = tree.shape[LINKS]
     place, tau = arm(tree, rows, i)
-    return add_scaled(add_scaled(row_vector(rows, n, c.POINT), rows[n, c.YAW], tau), -rows[n, c.SPIN], place)
+    found = add_scaled(add_scaled(row_vector(rows, n, c.POINT), rows[n, c.YAW], tau), -rows[n, c.SPIN], place)
+    if tree.shape[UPRIGHT] != 0:
+        return Vector(found.x, 0.0 * found.y, found.z)  # sideways the plane has its own motion, see sideways.py
+    return found
 
 
 @kernel(inline=True)
@@ -128,6 +146,9 @@ def base_bias(tree: Tree, y: Array, rows: Array) -> Vector:
     kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
     if kind >= SKI:
         forward, left = heading(tree, rows)
+        if tree.shape[UPRIGHT] != 0:
+            cosine, sine = rows[tree.shape[LINKS], c.COSINE], rows[tree.shape[LINKS], c.SINE]
+            point = Vector(cosine * point.x + sine * point.y, cosine * point.y - sine * point.x, point.z)
         if kind == SKI:
             return add_scaled(point, y[first] * y[first + 1], left)
         point = add_scaled(point, y[first] * y[first + 2], left)

@@ -16,7 +16,21 @@ from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.programme import UNMET, copy, solve_programme
 from vlmb.core.quantities import Quantities, add_row_here
-from vlmb.core.row_arrays import ALONG, COUPLED, FIRST, FORM, FREE, PROJECTION, RowMemory, Rows, Sizes, Space, sizes_of, view
+from vlmb.core.row_arrays import (
+    ALONG,
+    COUPLED,
+    FIRST,
+    FORM,
+    FREE,
+    PROJECTION,
+    WORTH,
+    RowMemory,
+    Rows,
+    Sizes,
+    Space,
+    sizes_of,
+    view,
+)
 from vlmb.core.rows import write_residual
 from vlmb.core.scalars import finite, sqrt
 from vlmb.core.scratch import Scratch
@@ -190,7 +204,10 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     if asked > ASKED:
         return EMPTY_ROWS * KIND + bits
     copy(square, e, e, space.first)
+    space.state[WORTH] = 1.0
     if cholesky(space.first, e, REPEATED):
+        for i in range(e):
+            space.state[WORTH] = min(space.state[WORTH], space.first[i, i] / sqrt(max(square[i, i], space.largest[i])))
         solve_cholesky(space.first, e, solved, s + 1)
         return 0
     return solve_repeating(sizes, space)

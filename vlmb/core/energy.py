@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from vlmb.core.jit import cos, kernel, sin
-from vlmb.core.segments import heading_of, length_below, place_on_parent
+from vlmb.core.segments import heading_of, length_below, lower_rate, place_on_parent, upper_motion, yaw_of
 from vlmb.core.tree import (
     ANCHOR,
-    AT_P,
-    AT_V,
     BASE_INERTIA,
     BASE_KIND,
     BASE_MASS,
@@ -22,7 +20,6 @@ from vlmb.core.tree import (
     K2,
     LENGTH,
     LINKS,
-    LOWER,
     LOWER_FREE,
     MASS,
     PARENT,
@@ -34,8 +31,8 @@ from vlmb.core.tree import (
     ROD,
     SKI,
     TIP_MASS,
-    UPPER,
     UPPER_FREE,
+    UPRIGHT,
     Array,
     Tree,
 )
@@ -46,24 +43,20 @@ HINGE, HINGE_RATE, TIP_PLACE, TIP_RATE = 0, 3, 6, 9  # columns of places, three 
 
 @kernel(inline=True)
 def moving_direction(tree: Tree, y: Array, i: int) -> tuple[Vector, Vector]:
-    """Read the unit direction of a link and what of its rate is across it."""
+    """Find the unit direction of a link and its rate in the surface frame."""
     heading = heading_of(tree, y, i)
-    return heading.d, add_scaled(heading.rate, -dot(heading.d, heading.rate), heading.d)
+    d, u = heading.d, add_scaled(heading.rate, -dot(heading.d, heading.rate), heading.d)
+    if tree.shape[UPRIGHT] != 0:
+        cosine, sine, yaw = cos(y[2]), sin(y[2]), yaw_of(tree, y)
+        u = Vector(u.x - yaw * d.y, u.y + yaw * d.x, u.z)
+        return to_surface(cosine, sine, d), to_surface(cosine, sine, u)
+    return d, u
 
 
 @kernel(inline=True)
-def lower_rate(tree: Tree, y: Array, given: Array, i: int) -> float:
-    """Read the rate of the lower segment [m/s]."""
-    return y[tree.shape[POSITIONS] + tree.link[i, AT_V] + 3] if tree.link[i, LOWER_FREE] != 0 else given[i, LOWER + 1]
-
-
-@kernel(inline=True)
-def upper_motion(tree: Tree, y: Array, given: Array, i: int) -> tuple[float, float]:
-    """Read the length and the rate of the upper segment [m], [m/s]."""
-    after = 3 + tree.link[i, LOWER_FREE]
-    if tree.link[i, UPPER_FREE] != 0:
-        return y[tree.link[i, AT_P] + after], y[tree.shape[POSITIONS] + tree.link[i, AT_V] + after]
-    return given[i, UPPER], given[i, UPPER + 1]
+def to_surface(cosine: float, sine: float, a: Vector) -> Vector:
+    """Turn a vector by phi0."""
+    return Vector(cosine * a.x - sine * a.y, sine * a.x + cosine * a.y, a.z)
 
 
 @kernel(inline=True)
@@ -75,7 +68,7 @@ def carried_by_base(tree: Tree, y: Array, ahead: float, aside: float, high: floa
     if kind == FREE:
         return vector(y, 0), vector(y, first)
     forward, left = Vector(cos(y[2]), sin(y[2]), zero), Vector(-sin(y[2]), cos(y[2]), zero)
-    yaw, sideways = (y[first + 1], zero) if kind == SKI else (y[first + 2], y[first + 1])
+    yaw, sideways = yaw_of(tree, y), zero if kind == SKI else y[first + 1]
     place = add_scaled(add_scaled(Vector(y[0], y[1], high), ahead, forward), aside, left)
     # speed forward + sideways left + phi' z x r
     return place, add_scaled(scale(y[first] - yaw * aside, forward), sideways + yaw * ahead, left)
@@ -121,7 +114,7 @@ def base_energy(tree: Tree, y: Array, gravity: Vector) -> tuple[float, float]:
     place, rate = carried_by_base(tree, y, tree.base[COM_OFFSET], zero, zero)
     kinetic = mass * dot(rate, rate)
     if tree.shape[BASE_KIND] >= SKI:
-        yaw = y[tree.shape[POSITIONS] + (1 if tree.shape[BASE_KIND] == SKI else 2)]
+        yaw = yaw_of(tree, y)
         kinetic += tree.base[BASE_INERTIA] * yaw * yaw
     return kinetic, -mass * dot(gravity, place)
 

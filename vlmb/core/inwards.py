@@ -13,6 +13,7 @@ from vlmb.core.tree import (
     CENTRE,
     INERTIA,
     LENGTH,
+    LINKS,
     LOWER_FREE,
     MASS,
     NO_DIRECTION,
@@ -21,6 +22,7 @@ from vlmb.core.tree import (
     ROD,
     ROD_CHILDREN,
     UPPER_FREE,
+    UPRIGHT,
     Array,
     Tree,
 )
@@ -94,9 +96,8 @@ def forces_on_rod(rows: Array, axes: Axes, i: int) -> tuple[Parts, Pair]:
 
 
 @kernel(inline=True)
-def bias_of(segments: Segments, body: Body, turn: Pair, rod_children: bool) -> Bias:
-    """Find what motion and given lengths bring, at the rod's point of reference (see `Bias`); turn is u across."""
-    square = dot2(turn, turn)
+def bias_of(segments: Segments, body: Body, turn: Pair, square: float, rod_children: bool) -> Bias:
+    """Find what motion and given lengths bring, at the rod's point of reference (see `Bias`); turn is u across, square |u|^2."""
     here = 0.0 * body.centre if rod_children else body.centre
     beyond = body.reach if rod_children else body.beyond
     along, stretch = segments.lower_second - here * square, segments.upper_second - beyond * square
@@ -122,7 +123,10 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
     turn = across(axes, heading.rate)
     centre, beyond = segments.lower + real[i, CENTRE], real[i, LENGTH] - real[i, CENTRE] + segments.upper
     body = body_of(real[i, MASS], real[i, INERTIA], centre, beyond)
-    bias = bias_of(segments, body, turn, tree.link[i, ROD_CHILDREN] != 0)
+    square = dot2(turn, turn)
+    if tree.shape[UPRIGHT] != 0:
+        square += rows[tree.shape[LINKS], c.SPIN] * heading.d.x * heading.d.x
+    bias = bias_of(segments, body, turn, square, tree.link[i, ROD_CHILDREN] != 0)
     applied = Applied(across(axes, vector(force, tree.link[i, AT_V])), segments.pull, segments.push)
     tip, tip_force = into_blocks(axes, row_sym3(rows, i, c.TIP_INERTIA)), into(axes, row_vector(rows, i, c.TIP_FORCE))
     if tree.link[i, ROD_CHILDREN] == 0:
@@ -135,7 +139,7 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
         fault, factors, rod, inertia = factor_rod(lower_free, upper_free, body, tip, sums)
         if fault != 0:
             return fault
-        whirling, whirling_moment = whirl(sums, body.mass * body.centre, dot2(turn, turn))
+        whirling, whirling_moment = whirl(sums, body.mass * body.centre, square)
         children, moment = add_parts(children, whirling), add_scaled2(moment, 1.0, whirling_moment)
         felt, held, rod_load = load_rod(lower_free, upper_free, body, factors, rod, applied, bias, tip_force, children, moment)
         felt = add_parts(felt, times_blocks(inertia, Parts(bias.along, bias.across)))

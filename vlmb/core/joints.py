@@ -3,7 +3,7 @@
 That engine's state (q, v) and the axes that its velocities turn about are read as a state of the core: d_i' = w_i x d_i. A row W
 over the core's velocities becomes one over the engine's, W T: what stands on u_i is the torque d_i x w_i on link i, which every
 ball between it and the base carries. Its drift takes W times the core's accelerations where the engine's are 0,
-u_i' = w_i' x d_i + w_i x (w_i x d_i) with w_i' = w_p' + w_p x w_i.
+u_i' = w_i' x d_i + w_i x (w_i x d_i) with w_i' = w_p' + w_p x w_i. Directions in the frame of a ski turn in it alone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vlmb.core.rows import write_residual, write_row
 from vlmb.core.scalars import NAN, atan2, cos, finite, nearest_turn, sin
 from vlmb.core.tape import play_jets, play_values, read_leaves
 from vlmb.core.tree import Array, Integers, Tree
-from vlmb.core.triples import Vector, cross, plus
+from vlmb.core.triples import Vector, cross, dot, plus
 
 PLANE, BASE_SIZE = range(2)  # entries of `shape`: whether all moves in a plane, velocities of a base without a heading
 Q, V, LOWER_Q, LOWER_V, UPPER_Q, UPPER_V = range(6)  # columns of `link`: hinge and lengths in q and v, -1 where there is none
@@ -63,7 +63,9 @@ def triple(values: Array, row: int, at: int) -> Vector:
 
 @kernel
 def heading_of(tree: Tree, q: Array) -> Vector:
-    """Return the heading of the base."""
+    """Return the heading of the base in the frame of the directions."""
+    if tree.shape[of.UPRIGHT] != 0:
+        return 1.0, 0.0, 0.0
     return (q[2], q[3], 0.0) if tree.shape[of.BASE_KIND] == of.SLIDING else (1.0, 0.0, 0.0)
 
 
@@ -81,16 +83,23 @@ def read_base(joints: Joints, tree: Tree, q: Array, v: Array, yaw: float, y: Arr
 
 
 @kernel
+def axis_of(tree: Tree, axes: Array, k: int) -> Vector:
+    """Return what a velocity turns about, in the frame of the directions: in that of a ski, to the right."""
+    return (0.0, -1.0, 0.0) if tree.shape[of.UPRIGHT] != 0 else triple(axes, k, AXIS)
+
+
+@kernel
 def turn_link(joints: Joints, tree: Tree, i: int, v: Array, axes: Array, spin: Array) -> None:
-    """Write w_i and w_i' of a link where v' = 0, from those of its parent."""
+    """Write w_i and w_i' of a link where v' = 0, from those of its parent, in the frame of the directions."""
     parent, at = tree.link[i, of.PARENT], joints.link[i, V]
     if parent >= 0:
         before, growth = triple(spin, parent, SPIN), triple(spin, parent, SPIN_DRIFT)
     else:
-        before, growth = (0.0, 0.0, v[2] if tree.shape[of.BASE_KIND] == of.SLIDING else 0.0), (0.0, 0.0, 0.0)
+        turns = tree.shape[of.BASE_KIND] == of.SLIDING and tree.shape[of.UPRIGHT] == 0
+        before, growth = (0.0, 0.0, v[2] if turns else 0.0), (0.0, 0.0, 0.0)
     omega = before
     for k in range(at, at + (1 if joints.shape[PLANE] != 0 else 3)):
-        omega = plus(omega, v[k], triple(axes, k, AXIS))
+        omega = plus(omega, v[k], axis_of(tree, axes, k))
     growth = plus(growth, 1.0, cross(before, omega))
     spin[i, 0], spin[i, 1], spin[i, 2] = omega
     spin[i, 3], spin[i, 4], spin[i, 5] = growth
@@ -161,7 +170,7 @@ def carry(joints: Joints, tree: Tree, axes: Array, y: Array, row: Array, moment:
     for i in range(n - 1, -1, -1):
         at, parent = joints.link[i, V], tree.link[i, of.PARENT]
         for k in range(at, at + (1 if joints.shape[PLANE] != 0 else 3)):
-            out[k] = moment[i, 0] * axes[k, AXIS] + moment[i, 1] * axes[k, AXIS + 1] + moment[i, 2] * axes[k, AXIS + 2]
+            out[k] = dot(triple(moment, i, 0), axis_of(tree, axes, k))
         if parent >= 0:
             for c in range(3):
                 moment[parent, c] += moment[i, c]

@@ -11,6 +11,14 @@ u^ = u - (u . d^) d^, and given the rates
     d' = |d| u^,   u' = w - |u^|^2 d^ + (u . d^) u^
 
 so that d^ and u^ obey the true equations whatever |d| and u . d are, and errors of these two do not grow.
+
+Links that stay in upright planes along a ski have d and u in its frame, and all vectors are in that frame. Along the plane such a
+link moves as any other: with psi its elevation, d'' has in the plane the parts
+
+    along d   -(psi'^2 + phi0'^2 cos^2 psi),     across it   w = psi'' + phi0'^2 sin psi cos psi
+
+so that only |u|^2 is another; in the frame of the ski d'' has phi0'^2 cos psi more ahead. No force of the plane goes sideways:
+what the links ask for there is the base's own (sideways.py).
 """
 
 from __future__ import annotations
@@ -20,7 +28,8 @@ from vlmb.core.inwards import gather, gather_force
 from vlmb.core.jit import kernel
 from vlmb.core.outwards import spread, spread_force
 from vlmb.core.scratch import Scratch, clear, clear_forces
-from vlmb.core.tree import LINKS, PLACES, POSITIONS, Array, Tree
+from vlmb.core.sideways import add_sideways
+from vlmb.core.tree import LINKS, PLACES, POSITIONS, UPRIGHT, Array, Tree
 
 
 @kernel
@@ -28,7 +37,8 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
     """Write the rates of positions and velocities at (y, given) under generalized forces, springs and weight; returns a code.
 
     y, dy (at least positions + velocities,); given (n, 6) [m, m/s, m/s^2]; force (velocities,) conjugate to the velocities: on
-    u a vector, whose part along d does nothing. Code 0, or fault * PLACES + link; the link is n for the base.
+    u a vector, whose part along d does nothing; in upright planes it has no part sideways. Code 0, or fault * PLACES + link; the
+    link is n for the base.
     """
     n, rows = tree.shape[LINKS], scratch.rows
     clear(tree, rows)
@@ -37,6 +47,8 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
         fault = gather(tree, y, given, force, rows, i)
         if fault != 0:
             return fault * PLACES + i
+    if tree.shape[UPRIGHT] != 0:
+        add_sideways(tree, y, given, rows)
     fault = base.move_base(tree, base.base_bias(tree, y, rows), force, dy, tree.shape[POSITIONS], rows)
     if fault != 0:
         return fault * PLACES + n

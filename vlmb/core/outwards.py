@@ -9,7 +9,21 @@ from vlmb.core.jit import kernel
 from vlmb.core.plain import Bias, Body, Factors, Move, move
 from vlmb.core.rods import move_rod
 from vlmb.core.segments import is_free
-from vlmb.core.tree import AT_P, AT_V, LOWER_FREE, PARENT, PLACE, POSITIONS, ROD, ROD_CHILDREN, UPPER_FREE, Array, Tree
+from vlmb.core.tree import (
+    AT_P,
+    AT_V,
+    LINKS,
+    LOWER_FREE,
+    PARENT,
+    PLACE,
+    POSITIONS,
+    ROD,
+    ROD_CHILDREN,
+    UPPER_FREE,
+    UPRIGHT,
+    Array,
+    Tree,
+)
 from vlmb.core.vectors import (
     Axes,
     Parts,
@@ -94,12 +108,17 @@ def spread(tree: Tree, y: Array, dy: Array, rows: Array, i: int) -> None:
     axes = axes_of(c.kept_direction(rows, i))
     hinge, bias, turn = into(axes, hinge_of(tree, rows, i)), c.kept_bias(rows, i), row_pair(rows, i, c.RATE)
     body, factors = c.kept_factors(tree, rows, i)
-    square = dot2(turn, turn)
+    square, whirl = dot2(turn, turn), 0.0 * turn.one
+    if tree.shape[UPRIGHT] != 0:
+        whirl = rows[tree.shape[LINKS], c.SPIN] * axes.d.x
+        square += whirl * axes.d.x
     moved = move_link(tree, rows, i, axes, hinge, body, factors, bias, square)
     write_axial(tree, rows, i, body, factors, bias, hinge, moved)
     p, v = tree.link[i, AT_P], tree.shape[POSITIONS] + tree.link[i, AT_V]
     put(dy, p, out_of(axes, 0.0 * square, scale2(rows[i, c.NORM], turn)))
     put(dy, v, out_of(axes, -square, add_scaled2(moved.turn, rows[i, c.SLIP], turn)))
+    if tree.shape[UPRIGHT] != 0:
+        dy[v] += whirl  # u' in the frame of the ski, which draws outwards
     for free in range(3, 3 + tree.link[i, LOWER_FREE] + tree.link[i, UPPER_FREE]):
         dy[p + free] = y[v + free]
     write_lengths(tree, i, body, hinge, moved, square, dy, v + 3)

@@ -4,6 +4,9 @@ Each of them x has a rate x' = L v and a second derivative x'' = L v' + drift. A
 across d. The state carries d and u with small errors of length and of angle; what the motion means is
     d^ = d / |d|,  u^ = u - s d^  with  s = u . d^,  and u' = w - |u^|^2 d^ + s u^,
 so that d^'' = u' across d^ - s u^ - |u^|^2 d^.
+
+Links that stay in upright planes along a ski have d, u and w in its frame, which turns with W = phi0' z. In the surface frame the
+rate is then u^ + W x d^, and d^'' has 2 W x u^ + W x (W x d^) + phi0'' z x d^ beside these.
 """
 
 from __future__ import annotations
@@ -60,7 +63,25 @@ def link_direction(tree: Tree, y: Array, i: int) -> Motion:
     u = (y[v], y[v + 1], y[v + 2])
     s = dot(u, d)
     u = plus(u, -s, d)
-    return d, u, plus(scaled(-s, u), -dot(u, u), d)
+    drift = plus(scaled(-s, u), -dot(u, u), d)
+    if tree.shape[of.UPRIGHT] != 0:
+        return turned_with_ski(tree, y, d, u, drift)
+    return d, u, drift
+
+
+@kernel
+def turned_with_ski(tree: Tree, y: Array, d: Vector, u: Vector, drift: Vector) -> Motion:
+    """Return a direction of the ski's frame with its rate and drift there in the surface frame."""
+    h, w = heading(tree, y), yaw_rate(tree, y)
+    rate = plus(u, w, leftwards(d))
+    drift = plus(plus(drift, 2.0 * w, leftwards(u)), -w * w, (d[0], d[1], 0.0))
+    return to_surface(h, d), to_surface(h, rate), to_surface(h, drift)
+
+
+@kernel
+def to_surface(h: Vector, a: Vector) -> Vector:
+    """Return a vector of the frame of a ski with the heading h in the surface frame."""
+    return h[0] * a[0] - h[1] * a[1], h[1] * a[0] + h[0] * a[1], a[2]
 
 
 @kernel
@@ -75,10 +96,13 @@ def direction(tree: Tree, y: Array, which: int) -> Motion:
 
 
 @kernel
-def push_direction(tree: Tree, which: int, d: Vector, e: Vector, out: Array) -> None:
+def push_direction(tree: Tree, y: Array, which: int, d: Vector, e: Vector, out: Array) -> None:
     """Add to `out` (nv,) the row of e . d, that is the force of e on the direction d."""
     if which >= 0:
         at, part = tree.link[which, of.AT_V], across(e, d)
+        if tree.shape[of.UPRIGHT] != 0:  # in the plane it turns the link, sideways the ski
+            out[yaw_index(tree)] += dot(e, leftwards(d))
+            part = dot(part, heading(tree, y)), 0.0, part[2]
         out[at] += part[0]
         out[at + 1] += part[1]
         out[at + 2] += part[2]
@@ -207,7 +231,7 @@ def push_point(tree: Tree, y: Array, given: Array, link: int, offset: float, alo
     i = link
     while i >= 0:
         d = link_direction(tree, y, i)[0]
-        push_direction(tree, i, d, scaled(distance(tree, y, given, i, offset, along)[0], e), out)
+        push_direction(tree, y, i, d, scaled(distance(tree, y, given, i, offset, along)[0], e), out)
         push_distance(tree, i, along, dot(e, d), out)
         parent = tree.link[i, of.PARENT]
         if parent < 0:

@@ -30,7 +30,8 @@ WORKS, LOSS = range(2)  # number of work states, and which one holds what damper
 
 # Columns of `watch`: what is watched and which one.
 FORM, WHICH = range(2)
-QUANTITY, SWITCH, LINE_UP, NOTHING = range(4)  # a quantity against a bound; a switch of the tape; a spring's two directions; none
+# a quantity against a bound; a switch of the tape; a spring's two directions; what the ideal rows are worth; none
+QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING = range(5)
 SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound); of a line-up the way that is watched
 
 # What may be wrong: a code is source * SOURCES + what the source says.

@@ -113,7 +113,7 @@ def push_centre_of_mass(share: Array, tree: Tree, y: Array, given: Array, e: Vec
     places.push_arm(tree, scaled(share[n, CONSTANT_SHARE], h), e, out)
     for i in range(n):
         d = places.link_direction(tree, y, i)[0]
-        places.push_direction(tree, i, d, scaled(link_share(share, tree, y, given, i)[0], e), out)
+        places.push_direction(tree, y, i, d, scaled(link_share(share, tree, y, given, i)[0], e), out)
         places.push_distance(tree, i, places.LOWER, share[i, LOWER_SHARE] * dot(e, d), out)
         places.push_distance(tree, i, places.UPPER, share[i, UPPER_SHARE] * dot(e, d), out)
         if tree.link[i, of.PARENT] < 0:
@@ -196,7 +196,7 @@ def add_row_here(
     if kind == ELEVATION:
         angles.push_elevation(tree, y, link, reference[k], scale, out)
     elif kind == DIRECTION:
-        places.push_direction(tree, link, places.direction(tree, y, link)[0], scaled(scale, axis(other)), out)
+        places.push_direction(tree, y, link, places.direction(tree, y, link)[0], scaled(scale, axis(other)), out)
     elif kind == POINT:
         places.push_point(tree, y, given, link, quantities.offset[k], along, scaled(scale, axis(other)), out)
     elif kind == DISTANCE:

@@ -19,8 +19,11 @@ HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED = range(9)
 # Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control.
 FORM, WORK = range(2)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
-# Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other.
-SIDE, SIDE_BEFORE, REPEATING = range(3)
+# Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other; what the
+# ideal row that has least is still worth beside those before it, as a share of the largest that it has been, in the metric of
+# M^-1; its rate [1/s], value and time [s] at the last accepted step, and the least one that is not looked at more closely. Rows
+# that always repeat each other have 1.
+SIDE, SIDE_BEFORE, REPEATING, WORTH, WORTH_RATE, WORTH_BEFORE, WORTH_TIME, WORTH_BOUND = range(8)
 PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the knife edge; velocities 0
 
 
@@ -67,7 +70,8 @@ class Space(NamedTuple):
     wanted: Array  # (e + r,) what accelerations of the rows lack; beyond the eliminated ones beta of (5.6)
     shares: Array  # (S + e,) controls over their scales, multipliers
     errors: Array  # (e + r,) of rows that could not be met
-    state: Array  # (3,)
+    state: Array  # (8,)
+    largest: Array  # (e,) diagonal of J M^-1 J^T, its largest at accepted steps
     first: Array  # three tables of e + r + S rows for solvers
     second: Array
     third: Array
@@ -93,8 +97,8 @@ def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: 
     held, ideal, servo, second, controls = rows.table[0, : CONTROLS + 1].tolist()
     eliminated, beyond = held + ideal, servo + second
     whole = eliminated + beyond
-    width = max(whole, controls + eliminated + 1, driven, 4)
-    height = velocities + whole - held + whole + 3 * eliminated + beyond + 4 + 3 * (whole + controls)
+    width = max(whole, controls + eliminated + 1, driven, 8)
+    height = velocities + whole - held + whole + 3 * eliminated + beyond + 5 + 3 * (whole + controls)
     return RowMemory(
         np.zeros((whole + 2 * controls + eliminated + 1, velocities)), np.zeros((height, width)), np.zeros((2, size)),
         np.zeros((links, 6)),
@@ -122,12 +126,12 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     matrix = solved + e
     apart = matrix + r
     vectors = apart + e
-    first = vectors + 4
+    first = vectors + 5
     second = first + b
     third = second + b
     return Space(
         lines[:a], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved], small[moved:square],
         small[square:solved],
         small[solved:matrix], small[matrix:apart], small[apart:vectors], small[vectors], small[vectors + 1],
-        small[vectors + 2], small[vectors + 3], small[first:second], small[second:third], small[third:],
+        small[vectors + 2], small[vectors + 3], small[vectors + 4], small[first:second], small[second:third], small[third:],
     )  # fmt: skip

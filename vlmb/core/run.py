@@ -37,6 +37,7 @@ from vlmb.core.plant import (
     SOURCES,
     SWITCH,
     WHICH,
+    WORTH_OF_ROWS,
     Memory,
     Plant,
     drive,
@@ -44,7 +45,7 @@ from vlmb.core.plant import (
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
 from vlmb.core.row_arrays import SIDE as DET_SIDE
-from vlmb.core.row_arrays import SIDE_BEFORE, sizes_of, view
+from vlmb.core.row_arrays import SIDE_BEFORE, WORTH, WORTH_BEFORE, WORTH_BOUND, WORTH_RATE, WORTH_TIME, sizes_of, view
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
@@ -53,6 +54,7 @@ from vlmb.core.triples import Vector
 TURN = 0.5  # [rad] an azimuth turns no further within a step
 ON_POLE = 1e-5  # [rad] nearer to the pole a link passes through it
 NEAR_POLE = 3e-3  # [rad] so near its way to the pole is straight to within ON_POLE
+LOOKED_AT = 0.1  # of the most that a row has been worth: the least that is not looked at more closely
 BEGIN, END, LONGEST = range(3)  # columns of `bounds`
 
 
@@ -80,6 +82,8 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
                 return FAILED
             if code == INDICATE:
                 real[H_MAX] = longest_step(plant, bounds, h_max, real[TIME], driver.point)
+                if plant.rows.table.shape[0] > 0:
+                    real[H_MAX] = min(real[H_MAX], note_worth(plant, memory, real[TIME]))
             if code != ACCEPT:
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
         elif code != GO:
@@ -132,6 +136,22 @@ def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) 
             if speed * longest > TURN * off_pole and not meets_pole(d, u):
                 longest = TURN * off_pole / speed
     return longest
+
+
+@kernel(inline=True)
+def note_worth(plant: Plant, memory: Memory, t: float) -> float:
+    """Note what the ideal rows are worth at an accepted step; return half the time [s] in which one would be worth nothing."""
+    sizes = sizes_of(plant.rows)
+    space = view(sizes, memory.rows)
+    state = space.state
+    for i in range(sizes.ideal):
+        space.largest[i] = max(space.largest[i], space.square[i, i])
+    since = t - state[WORTH_TIME]
+    state[WORTH_RATE] = (state[WORTH] - state[WORTH_BEFORE]) / since if since > 0.0 and state[WORTH_BEFORE] > 0.0 else 0.0
+    if state[WORTH_RATE] > 0.0:
+        state[WORTH_BOUND] = max(state[WORTH_BOUND], min(LOOKED_AT, 0.5 * state[WORTH]))
+    state[WORTH_BEFORE], state[WORTH_TIME] = state[WORTH], t
+    return -0.5 * state[WORTH] / state[WORTH_RATE] if state[WORTH_RATE] < 0.0 else math.inf
 
 
 @kernel(inline=True)
@@ -195,6 +215,9 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:
             out[VALUE, k], out[RATE, k] = passing(memory.lines[which], plant.bound[k, BOUND]), 0.0
-        elif form == NOTHING:
+        elif form == WORTH_OF_ROWS and plant.rows.table.shape[0] > 0:
+            state = view(sizes_of(plant.rows), memory.rows).state
+            out[VALUE, k], out[RATE, k] = state[WORTH] - state[WORTH_BOUND], state[WORTH_RATE]
+        elif form in (NOTHING, WORTH_OF_ROWS):
             out[VALUE, k], out[RATE, k] = 1.0, 0.0
 

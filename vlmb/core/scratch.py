@@ -27,11 +27,15 @@ NORM, SLIP, RATE, ALONG, ACROSS, STRETCH, FAN = 68, 69, 70, 72, 73, 75, 76
 # Accelerations less gravity's, of the tip and of the rod's point at the hinge, and w - |u|^2 d; in the axes of the surface.
 TIP_MOVE, ROD_MOVE, TURN_MOVE = 78, 81, 84
 AXIAL = 87  # forces [N] that given segments take, lower and upper
+# Of links in upright planes along a ski: how far ahead hinge and tip are, with rates, and how far to the left the plane is.
+HINGE_AHEAD, TIP_AHEAD, ASIDE = 89, 91, 93
 WIDTH = 96  # a multiple of a line of the processor's cache
 
 # The base has the last row. What hangs on it (see base.py): S0, f0, S1, S2, f1; cos and sin of phi0, phi'^2; the acceleration of
-# its point, less gravity's, and phi''; the force of the knife edge.
+# its point, less gravity's, and phi''; the force of the knife edge; the ski's direction ahead. Vectors are in the frame of the
+# directions.
 SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE, COSINE, SINE, SPIN, POINT, YAW, EDGE = 0, 6, 9, 12, 13, 14, 15, 16, 17, 20, 21
+AHEAD = 22
 
 
 class Scratch(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a link's state says: its direction and rate, lengths of its segments, forces along free ones."""
+"""What the state says: of a link its direction and rate, lengths of its segments, forces along free ones; how a ski turns."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from vlmb.core.jit import kernel, sqrt
 from vlmb.core.tree import (
     AT_P,
     AT_V,
+    BASE_KIND,
     C1,
     C2,
     K1,
@@ -22,6 +23,7 @@ from vlmb.core.tree import (
     REST1,
     REST2,
     ROD,
+    SKI,
     UPPER,
     UPPER_FREE,
     Array,
@@ -94,6 +96,27 @@ def segments_of(tree: Tree, y: Array, given: Array, force: Array, i: int) -> Seg
 def length_below(tree: Tree, y: Array, given: Array, i: int) -> float:
     """Read the length of the lower segment [m]."""
     return y[tree.link[i, AT_P] + 3] if tree.link[i, LOWER_FREE] != 0 else given[i, LOWER]
+
+
+@kernel(inline=True)
+def lower_rate(tree: Tree, y: Array, given: Array, i: int) -> float:
+    """Read the rate of the lower segment [m/s]."""
+    return y[tree.shape[POSITIONS] + tree.link[i, AT_V] + 3] if tree.link[i, LOWER_FREE] != 0 else given[i, LOWER + 1]
+
+
+@kernel(inline=True)
+def upper_motion(tree: Tree, y: Array, given: Array, i: int) -> tuple[float, float]:
+    """Read the length and the rate of the upper segment [m], [m/s]."""
+    after = 3 + tree.link[i, LOWER_FREE]
+    if tree.link[i, UPPER_FREE] != 0:
+        return y[tree.link[i, AT_P] + after], y[tree.shape[POSITIONS] + tree.link[i, AT_V] + after]
+    return given[i, UPPER], given[i, UPPER + 1]
+
+
+@kernel(inline=True)
+def yaw_of(tree: Tree, y: Array) -> float:
+    """Read phi0' of a ski [rad/s]."""
+    return y[tree.shape[POSITIONS] + (1 if tree.shape[BASE_KIND] == SKI else 2)]
 
 
 @kernel(inline=True)

@@ -88,15 +88,15 @@ def add_in_space(springs: AngleSprings, k: int, tree: Tree, y: Array, out: Array
         lost = damping * rate * rate
         ratio -= damping * rate / sine
     if ratio != 0.0 and ratio == ratio:
-        push_apart(tree, first, second, a[0], b[0], ratio, out)
+        push_apart(tree, y, first, second, a[0], b[0], ratio, out)
     return lost if ratio == ratio else NAN
 
 
 @kernel
-def push_apart(tree: Tree, first: int, second: int, a: Vector, b: Vector, ratio: float, out: Array) -> None:
+def push_apart(tree: Tree, y: Array, first: int, second: int, a: Vector, b: Vector, ratio: float, out: Array) -> None:
     """Add the forces of a torque on theta, given over sin theta: -b on a and -a on b, each times the ratio."""
-    places.push_direction(tree, first, a, scaled(-ratio, b), out)
-    places.push_direction(tree, second, b, scaled(-ratio, a), out)
+    places.push_direction(tree, y, first, a, scaled(-ratio, b), out)
+    places.push_direction(tree, y, second, b, scaled(-ratio, a), out)
 
 
 @kernel
@@ -104,7 +104,7 @@ def damp_on_base(tree: Tree, y: Array, link: int, d: Vector, u: Vector, damping:
     """Add the forces of a damper between a link and the base, the base's reaction included; return the power lost [W]."""
     turning = places.leftwards(d)
     r = plus(u, -places.yaw_rate(tree, y), turning)
-    places.push_direction(tree, link, d, scaled(-damping, r), out)
+    places.push_direction(tree, y, link, d, scaled(-damping, r), out)
     if places.steers(tree):
         out[places.yaw_index(tree)] += damping * dot(r, turning)
     return damping * dot(r, r)

@@ -1,9 +1,9 @@
 """A mechanism as arrays for the compiled core: constants of its links, and its states both ways.
 
 The core's state is y = (p, v): of the base its place and velocity, of each link, parents first, the unit direction d and the
-lengths of its free segments in p, and their rates in v. It has no quaternion and no roll. Pinocchio's (q, v) is made from it with
-the rotation that takes the heading to d by the shortest way, and without spin about d: only directions, lengths and forces are
-promised of it.
+lengths of its free segments in p, and their rates in v. Directions of links that stay in upright planes along a ski are in the
+frame of the ski. There is no quaternion and no roll. Pinocchio's (q, v) is made from it with the rotation that takes the heading
+to d by the shortest way, and without spin about d: only directions, lengths and forces are promised of it.
 """
 
 from __future__ import annotations
@@ -54,6 +54,11 @@ class Arrays:
         """Number of velocities."""
         return int(self.tree.shape[columns.VELOCITIES])
 
+    @property
+    def upright(self) -> bool:
+        """Whether directions are in the frame of a ski: its links stay in upright planes along it."""
+        return bool(self.tree.shape[columns.UPRIGHT])
+
     def length_at(self, link: int, segment: int) -> tuple[int, int]:
         """Where the length of a free segment (1 lower, 2 upper) and its rate stand in y."""
         row = self.tree.link[self.rows[link]]
@@ -74,7 +79,10 @@ class Arrays:
             p[..., axes], w[..., axes] = q[..., : layout.base_size], v[..., : layout.base_size]
         for row, i in enumerate(self.order):
             at_p, at_v = (int(self.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
-            p[..., at_p : at_p + 3], w[..., at_v : at_v + 3] = motion.directions[..., i, :], motion.direction_rates[..., i, :]
+            d, u = motion.directions[..., i, :], motion.direction_rates[..., i, :]
+            if self.upright:
+                d, u = in_upright_plane(d, p[..., 2]), in_upright_plane(u, p[..., 2])
+            p[..., at_p : at_p + 3], w[..., at_v : at_v + 3] = d, u
             for number, segment in ((1, layout.links[i].lower), (2, layout.links[i].upper)):
                 if self.tree.link[row, columns.LOWER_FREE + number - 1]:
                     length, rate = self.length_at(i, number)
@@ -101,7 +109,10 @@ class Arrays:
             link = self.tree.link[row]
             d, u = (part[..., at : at + 3] for part, at in ((p, link[columns.AT_P]), (w, link[columns.AT_V])))
             unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
-            directions[..., i, :], rates[..., i, :] = unit, u - (u * unit).sum(axis=-1, keepdims=True) * unit
+            u = u - (u * unit).sum(axis=-1, keepdims=True) * unit
+            if self.upright:
+                unit, u = _turned_with_ski(unit, u, heading, turning)
+            directions[..., i, :], rates[..., i, :] = unit, u
             for number, column in ((1, columns.LOWER_FREE), (2, columns.UPPER_FREE)):
                 if link[column]:
                     at, at_rate = self.length_at(i, number)
@@ -113,6 +124,21 @@ class Arrays:
         return Postures(
             self.scene, self.layout, place, velocity, heading, turning, directions, rates, lengths, growth
         )
+
+
+def in_upright_plane(vectors: Array, heading: Array) -> Array:
+    """Vectors (..., 3) in the frame of a ski, without what they have sideways; rates of directions lose the ski's turn so."""
+    ahead = np.cos(heading) * vectors[..., 0] + np.sin(heading) * vectors[..., 1]
+    return np.stack([ahead, np.zeros_like(ahead), vectors[..., 2]], axis=-1)
+
+
+def _turned_with_ski(d: Array, u: Array, heading: Array, turning: Array) -> tuple[Array, Array]:
+    """Directions d (..., 3) in the frame of a ski, and their rates u there, in the surface frame."""
+    cosine, sine, ahead = np.cos(heading), np.sin(heading), np.zeros(d.shape)
+    ahead[..., 0], ahead[..., 1] = cosine, sine
+    left = np.stack([-sine, cosine, np.zeros_like(sine)], axis=-1)
+    up, rates = np.array([0.0, 0.0, 1.0]), u[..., :1] * ahead + (turning * d[..., 0])[..., None] * left
+    return d[..., :1] * ahead + d[..., 2:] * up, rates + u[..., 2:] * up
 
 
 def pinocchio_states(seen: Postures) -> tuple[Array, Array]:
@@ -211,7 +237,8 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False, driven: boo
         given[row, [0, 3]] = [0.0 if is_free else at.length for is_free, at in zip(free, segments, strict=True)]
         p, v = p + 3 + sum(free), v + 3 + sum(free)
     base = np.array([scene.base.mass, scene.base.inertia, scene.base.com_offset, *scene.surface_gravity])
-    tree = Tree(np.array([kind, p, v, count], np.int64), base, link, real)
+    upright = layout.base == "ski" and layout.plane
+    tree = Tree(np.array([kind, p, v, count, upright], np.int64), base, link, real)
     return Arrays(scene, layout, tree, given, layout.order)
 
 

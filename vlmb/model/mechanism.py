@@ -2,7 +2,8 @@
 
     hinge (ball) -- lower segment (prismatic x) -- [ rod ] -- upper segment (prismatic x) -- tip
 
-A fixed segment makes no joint; an upper segment on which nothing hangs makes none either.
+A fixed segment makes no joint; a free upper segment on which nothing hangs makes none either. A prescribed one always does: its
+length and rate are seen in points and rows, whether it carries a mass or not.
 """
 
 from __future__ import annotations
@@ -259,7 +260,7 @@ class _Builder:
         """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""
         link, segment = self.scene.links[i], self.scene.links[i].segment(which)
         length = start_length(self.scene, segment, f"links[{i}].{'lower' if which == 1 else 'upper'}.law")
-        if segment.motion != "fixed" and which == 2 and not self.carried[i]:
+        if segment.motion == "free" and which == 2 and not self.carried[i]:
             self.left_out.append(
                 f"xi{i + 1}_2, the upper segment of {link.name!r}: nothing hangs on it; drawn with its length {length:g} m"
             )
@@ -285,12 +286,21 @@ class _Builder:
     def _refuse_massless(self, i: int, lower: float) -> None:
         link = self.scene.links[i]
         if not self._mass_of(i) > 0.0:
-            raise SceneError(f"links[{i}] ({link.name!r}) and all that hangs on it have no mass: give rod.mass or tip_mass")
+            raise SceneError(
+                f"links[{i}] ({link.name!r}) and all that hangs on it have no mass: give rod.mass or tip_mass"
+                f"{self._held_by_rows()}"
+            )
         if not self._hinge_inertia(i, lower) > 0.0:
             raise SceneError(
                 f"links[{i}] ({link.name!r}): all its mass sits in its hinge, so nothing resists turning; "
                 "give the rod a length or an inertia, or move tip_mass away from the hinge"
             )
+
+    def _held_by_rows(self) -> str:
+        """Say what helps where equations hold what has no mass."""
+        if not self.scene.constraints:
+            return ""
+        return "; where ideal rows hold it completely any mass gives the same motion, 1e-6 kg too"
 
     def _look_for_straight_legs(self) -> None:
         """Name massless hinges between two free segments (a motion without inertia when the two links line up)."""
@@ -300,6 +310,7 @@ class _Builder:
             raise SceneError(
                 f"base: the first hinge flies without mass, and the lower segment of {self.names[first[0]]!r} is free, so "
                 "the hinge slides along it without inertia: give base.mass [kg], or fix that segment"
+                f"{self._held_by_rows()}"
             )
         if flying and len(first) > 1 and all(self.links[child].lower.motion == "free" for child in first):
             names = " and ".join(repr(self.names[child]) for child in first)

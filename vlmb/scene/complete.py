@@ -17,7 +17,7 @@ import msgspec
 from vlmb.errors import SceneError, nearest
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
-from vlmb.scene.names import check_names
+from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
 from vlmb.scene.rows import rows_of
@@ -68,7 +68,11 @@ Where = tuple["Where", str] | None  # where a value stands: what it stands in, a
 def _plain(value: Any, path: Where, depth: int = 0) -> Any:
     """Copy data with plain numbers (NumPy's too) and tables as dicts; refuse what is not data, not finite, too large or deep."""
     kind = type(value)
-    if value is None or kind is bool or kind is str:
+    if value is None or kind is bool:
+        return value
+    if kind is str:
+        if has_controls(value):
+            raise SceneError(f"{_key(path)} = {value!r:.80}: has control characters, which a text of a scene may not have")
         return value
     if kind is int:
         if abs(value) > 2**63:

@@ -45,7 +45,8 @@ def explain(message: str, data: dict[str, Any], root: type, written: Mapping[str
     if "regex" in text or "length <=" in text:
         return f"{path} = {found}: {ALLOWED_NAME}"
     text = re.sub(r"`([^`]*)`", _in_words, text)
-    return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}"
+    hint = ", in radians (degrees times pi/180)" if path == "slope" else ""
+    return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}{hint}"
 
 
 def unknown_key(path: str, key: str, valid: Iterable[str]) -> str:

@@ -24,6 +24,7 @@ FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_\w+"
 REACTION = "|".join((*SNOW, "friction", "impacts"))
 ENERGY = "|".join((*ENERGIES, DAMPERS))
 KINDS = {COORDINATE: "a coordinate", FORCE: "a force", REACTION: "a reaction", ENERGY: "an energy"}
+CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 def kind_of(name: str) -> str | None:
@@ -70,3 +71,8 @@ def listed(names: Sequence[str]) -> str:
     """Name some of many: the first few, and how many there are."""
     shown = [name if len(name) <= WIDTH else f"{name[: WIDTH - 3]}..." for name in names[:SHOWN]]
     return ", ".join(shown) + (f", ... ({len(names)})" if len(names) > SHOWN else "")
+
+
+def has_controls(text: str) -> bool:
+    """Whether a text would do something to a terminal beside standing in lines: control characters, half letters, overrides."""
+    return CONTROLS.search(text) is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,7 +27,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-MAX_FILE_BYTES = 4_000_000
+MAX_FILE_BYTES, MAX_TABLES = 1_500_000, 30_000
+NESTED = re.compile(rb"(?:\.[ \t]*[\w\"'-]{1,64}[ \t]*){20}")  # a key of twenty parts and more: reading takes the square of them
 
 
 class Scene(SceneTables, frozen=True, kw_only=True):
@@ -119,10 +121,10 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         return f"<Scene {self.name!r}: {'; '.join(parts)}>"
 
     def _coordinates_of(self, link: Link) -> int:
-        """Count a link's coordinates: angles, and segments that move; an upper one only where something hangs on it."""
+        """Count a link's coordinates: angles, and segments that move; a free upper one only where something hangs on it."""
         carries = link.tip_mass or any(child.parent == link.name and child.parent_point == "tip" for child in self.links)
-        moving = (link.lower.motion != "fixed", bool(carries) and link.upper.motion != "fixed")
-        return (1 if self.plane else 2) + sum(moving)
+        upper = link.upper.motion == "prescribed" or (bool(carries) and link.upper.motion == "free")
+        return (1 if self.plane else 2) + (link.lower.motion != "fixed") + upper
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -138,12 +140,13 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             raise SceneError(f"{path}: larger than {MAX_FILE_BYTES} bytes; this is not a scene file")
+        if NESTED.search(content) or content.count(b"\n[") > MAX_TABLES:
+            raise SceneError(f"{path}: a key of more than 20 parts, or more than {MAX_TABLES} tables; this is not a scene file")
         data = tomllib.loads(content.decode("utf-8-sig"))  # with a byte order mark or without
     except FileNotFoundError:
         raise SceneError(f"{path}: no such scene file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        hint = "; a stored run is read by load_trajectory" if path.suffix == ".npz" else ""
-        raise SceneError(f"{path}: not a TOML file: {error}{hint}") from None
+        raise SceneError(f"{path}: {_not_toml(content, error)}") from None
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
     except SceneError:
@@ -151,6 +154,19 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     except ValueError as error:
         raise SceneError(f"{str(path)!r}: cannot be read: {error}") from None
     return Scene.from_dict(data, str(path), path.parent)
+
+
+def _not_toml(content: bytes, error: Exception) -> str:
+    """Say why a file is no scene file: a stored run, a text without quotes, or what the reader says."""
+    if content.startswith(b"PK"):
+        return "a stored run, not a scene file: read it with load_trajectory, or replay it with `vlmb run`"
+    place = re.search(r"Invalid value \(at line (\d+), column (\d+)\)", str(error))
+    if place:
+        line = content.decode("utf-8-sig").splitlines()[int(place[1]) - 1]
+        bare = re.match(r"[A-Za-z_][\w.]*", line[int(place[2]) - 1 :])
+        if bare:
+            return f"not a TOML file: line {place[1]}: {bare[0]} needs quotes: a text is written \"{bare[0]}\""
+    return f"not a TOML file: {error}"
 
 
 def as_scene(what: Any) -> Scene:

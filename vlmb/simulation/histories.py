@@ -47,7 +47,7 @@ def forces_along(
     found["powers"] = {name: unknown() for name in system.work_names}
     found["controls"] = {name: unknown() for name in system.work_names}
     found["hinges"], found["hinge_torques"] = unknown(len(links), 3), unknown(len(links), 3)
-    found["conditions"], programme = unknown(), workspace.solver.programme
+    strengths, programme = unknown(2), workspace.solver.programme
     data = workspace.frames.data
     for i in range(count):
         if np.isnan(inputs[i]).any():
@@ -76,7 +76,9 @@ def forces_along(
             turn, force = data.oMi[link.joint].rotation, data.f[link.joint]
             found["hinges"][i, k], found["hinge_torques"][i, k] = turn @ force.linear, turn @ force.angular
         if programme is not None:
-            found["conditions"][i] = programme.rank(programme.control_matrix)[1]
+            strengths[i] = programme.strengths(programme.control_matrix)
+    with np.errstate(divide="ignore", invalid="ignore"):  # infinite where a row is lost
+        found["conditions"] = np.fmax.reduce(strengths[:, 0], initial=0.0) / strengths[:, 1]
     frozen = {what: _frozen(value) for what, value in found.items()}
     return frozen | {"report": "" if programme is None else programme.report}
 

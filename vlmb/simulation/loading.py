@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from vlmb.errors import TrajectoryError
+from vlmb.errors import SceneError, TrajectoryError
 from vlmb.model.mechanism import build
+from vlmb.scene.names import has_controls
 from vlmb.scene.scene import Scene
-from vlmb.scene.tables import Run
 from vlmb.simulation.motion import state_size, unit_directions
-from vlmb.simulation.storage import read_arrays
-from vlmb.simulation.trajectory import ARRAYS, Trajectory
-from vlmb.system.system import make_system
+from vlmb.simulation.storage import Stored, reading
+from vlmb.simulation.trajectory import ARRAYS, STATUSES, Trajectory
+from vlmb.system.system import System, make_system
 
-OLD = ("t", "q", "v", "work", "asked", "reference")  # names in files of format 1
+Array = NDArray[np.float64]
+
+FORMATS = (1, 2)  # 1 has q, v and work where 2 has the states of an engine
+MAX_SAMPLES = 10_000_000
+NUMBERS = ("wall_time", "cpu_time", "rhs_evaluations", "steps")  # of `stats`
+ENGINES = ("core", "pinocchio")
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
@@ -24,42 +32,75 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
     Raises TrajectoryError for a file that is missing, damaged or foreign.
     """
-    note, stored = read_arrays(path, {1: OLD, 2: tuple(ARRAYS.values())})
-    if "states" not in stored:
+    with reading(path, FORMATS) as stored:
+        note = stored.note
         try:
-            stored["states"] = np.hstack([stored[name] for name in ("q", "v", "work")])
-        except ValueError as error:
-            raise TrajectoryError(f"{path}: q, v and work are damaged: {error}") from None
-    arrays = {name: stored[key] for name, key in ARRAYS.items()}
-    try:
-        scene = Scene.from_dict(note["scene"], f"{path}: scene")
-        run = msgspec.convert(note["run"], Run)
-        status, message = str(note["status"]), str(note["message"])
-        names, adjustments = tuple(map(str, note["asked_names"])), tuple(map(str, note["repairs"]))
-        stats, made_with, engine = dict(note["stats"]), dict(note["versions"]), str(note.get("engine", "pinocchio"))
-        t0, doubts = float(note.get("t0", 0.0)), tuple(map(str, note.get("doubts", ())))
-    except (KeyError, TypeError, ValueError) as error:
-        raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged ({type(error).__name__}: {error})") from None
-    system = make_system(build(scene), run, inputs=names or None)
-    layout, samples = system.mechanism.layout, arrays["t"].size
-    branches = len(arrays["branch"]) if len(arrays["branch"]) == 1 else samples
-    shapes = {
-        "t": (samples,), "states": (samples, state_size(system, engine)), "inputs": (samples, len(names)),
-        "branch": (branches, len(layout.names)),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        bad = ~np.isfinite(arrays[name]) & ~(np.isnan(arrays[name]) & (name == "inputs"))  # not known: nan
-        if arrays[name].shape != shape or bad.any():
-            what = f"shape {arrays[name].shape} where its scene needs {shape}, finite"
-            raise TrajectoryError(f"{path}: {ARRAYS[name]} is damaged: {what}")
-    if not samples or (np.diff(arrays["t"]) <= 0.0).any() or not -np.inf < t0 <= arrays["t"][0]:
+            scene = Scene.from_dict(note["scene"], "scene")
+            run = scene.changed(run=note["run"]).run
+        except SceneError as error:
+            raise TrajectoryError(f"{path}: not a trajectory of vlmb, or damaged: {error}") from None
+        status, message, engine = (_one(path, note, name) for name in ("status", "message", "engine"))
+        names, adjustments, doubts = (_texts(path, note, name) for name in ("asked_names", "repairs", "doubts"))
+        t0 = float(note.get("t0", 0.0))
+        if status not in STATUSES or engine not in ENGINES or not math.isfinite(t0):
+            raise TrajectoryError(f"{path}: its note is damaged: status {status!r:.80}, engine {engine!r:.80}, t0 {t0}")
+        system = make_system(build(scene), run, inputs=names or None)
+        t, states, inputs, branch = _arrays(path, stored, system, engine, t0, len(names))
+        made = Trajectory(
+            system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, _stats(path, note),
+            _versions(path, note), t0, doubts,
+        )  # fmt: skip
+        made.__dict__["system"] = system
+        return made
+
+
+def _arrays(
+    path: str | Path, stored: Stored, system: System, engine: str, t0: float, inputs: int
+) -> tuple[Array, Array, Array, Array]:
+    """Read times, states, inputs and branches of the shapes that their scene needs; times first, since they tell how many."""
+    shape = stored.shape("t")
+    if len(shape) != 1 or not 0 < shape[0] <= MAX_SAMPLES:
+        raise TrajectoryError(f"{path}: t is damaged: shape {shape} where 1 to {MAX_SAMPLES} times belong")
+    t = stored.read("t", shape)
+    if (np.diff(t) <= 0.0).any() or not t0 <= t[0]:
         raise TrajectoryError(f"{path}: t is damaged: times must ascend from that of the start")
-    if not unit_directions(system, engine, arrays["states"]):
+    layout = system.mechanism.layout
+    if stored.note["format"] == 1:
+        widths = {"q": layout.nq, "v": layout.nv, "work": len(system.work_names)}
+        states = np.hstack([stored.read(name, (len(t), width)) for name, width in widths.items()])
+    else:
+        states = stored.read(ARRAYS["states"], (len(t), state_size(system, engine)))
+    if not unit_directions(system, engine, states):
         raise TrajectoryError(f"{path}: its states are damaged: directions do not have length 1")
-    t, states, inputs, branch = (arrays[name] for name in ARRAYS)
-    made = Trajectory(
-        system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, stats, made_with, t0,
-        doubts,
-    )  # fmt: skip
-    made.__dict__["system"] = system
-    return made
+    asked, kept = ARRAYS["inputs"], ARRAYS["branch"]
+    branches = 1 if stored.shape(kept)[:1] == (1,) else len(t)
+    return t, states, stored.read(asked, (len(t), inputs)), stored.read(kept, (branches, len(layout.names)))
+
+
+def _one(path: str | Path, note: Mapping[str, Any], name: str) -> str:
+    """Read a text of the note; without control characters: it is printed."""
+    text = note[name] if name != "engine" else note.get(name, "pinocchio")
+    if not isinstance(text, str) or has_controls(text):
+        raise TrajectoryError(f"{path}: its note is damaged: {name} = {text!r:.80}")
+    return text
+
+
+def _texts(path: str | Path, note: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    entries = note[name] if name != "doubts" else note.get(name, ())
+    if not isinstance(entries, (list, tuple)):
+        raise TrajectoryError(f"{path}: its note is damaged: {name} = {entries!r:.80}")
+    return tuple(_one(path, {name: entry}, name) for entry in entries)
+
+
+def _stats(path: str | Path, note: Mapping[str, Any]) -> dict[str, Any]:
+    """Read what a run took: finite numbers, and texts."""
+    found = dict(note["stats"])
+    for name in (*NUMBERS, *found):
+        value = found.get(name)
+        if name in NUMBERS and (isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300):
+            raise TrajectoryError(f"{path}: its note is damaged: stats.{name} = {value!r:.80}")
+    return found
+
+
+def _versions(path: str | Path, note: Mapping[str, Any]) -> dict[str, str]:
+    return {str(name): _one(path, {"versions": version}, "versions") for name, version in dict(note["versions"]).items()}

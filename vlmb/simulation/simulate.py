@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import math
 import time
 import warnings
@@ -24,6 +25,7 @@ from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
@@ -80,7 +82,7 @@ def simulate(
     Returns a Trajectory, also for a run that stops early: its `message` says why.
     Raises SceneError (a VlmbError) for what is wrong before the run.
     """
-    if control is not None and not callable(control):
+    if control is not None and not (callable(control) and _takes_two(control)):
         raise SceneError(f"control = {control!r:.80}: must be a function of (t, view) that returns forces by name")
     if progress is not None and not callable(progress):
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
@@ -90,11 +92,32 @@ def simulate(
         engine=engine, max_step=max_step,
     )  # fmt: skip
     times = _sample_times(run, t_eval, t0)
+    with interrupts.held():
+        return _simulated(mechanism, run, times, control, start, t0, progress)
+
+
+def _takes_two(function: Callable[..., Any]) -> bool:
+    """Whether a function can be called with two values; one that does not tell is given the benefit of the doubt."""
+    try:
+        inspect.signature(function).bind(0.0, None)
+    except TypeError:
+        return False
+    except ValueError:
+        return True
+    return True
+
+
+def _simulated(
+    mechanism: Mechanism, run: Run, times: Array, control: Control | None, start: End | Mapping[str, float] | None, t0: float,
+    progress: Callable[[float], None] | None,
+) -> Trajectory:  # fmt: skip
+    """Simulate with checked options."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
     system = make_system(mechanism, run)
     begin = consistent_start(system, t0)
+    interrupts.answer()
     if control is not None:
         first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
@@ -108,6 +131,7 @@ def simulate(
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
         began, used = time.perf_counter(), time.thread_time()
         loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
+        interrupts.answer()
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {

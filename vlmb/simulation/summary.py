@@ -8,11 +8,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
 
 Array = NDArray[np.float64]
+
+ENDS = ("hinge", "rod_end", "tip")
+UNDER = 1e-9  # [m] below the ground that counts
 
 
 class Told(Protocol):
@@ -77,15 +81,33 @@ def summarize(trajectory: Told, programme: str) -> str:
         if np.fmin.reduce(normal) < 0.0:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
+    lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
         lines.append(
-            f"  control          {name}: up to {largest(values):.4g}, power {largest(power):.4g} W at most and "
-            f"{_average(power):.4g} W on average, work {trajectory.work_by_force[name][-1]:.4g} J"
+            f"  control          {name}: up to {largest(values):.4g} {force_unit(name)}, power {largest(power):.4g} W at most "
+            f"and {_average(power):.4g} W on average, work {trajectory.work_by_force[name][-1]:.4g} J"
         )
     lines += [f"  note             {adjustment}" for adjustment in trajectory.adjustments]
     return "\n".join(lines)
+
+
+def _through_the_ground(trajectory: Told) -> list[str]:
+    """Say where a free base that starts above z = 0 takes a point below it: nothing stops it there."""
+    scene = trajectory.scene
+    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall:
+        return []
+    heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
+    above = min(float(values[0]) for values in heights.values())
+    below = {name: np.flatnonzero(values < -UNDER) for name, values in heights.items()}
+    first = min((int(found[0]), name) for name, found in below.items() if found.size) if any(map(len, below.values())) else None
+    if above < -UNDER or max(float(values[0]) for values in heights.values()) <= UNDER or first is None:
+        return []
+    return [
+        f"{first[1]} goes through z = 0 at t = {trajectory.t[first[0]]:.4g} s: there is no ground under a free base (run.fall = "
+        "false if that is meant)"
+    ]
 
 
 def _average(values: Array) -> float:

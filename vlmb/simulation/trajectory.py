@@ -43,6 +43,7 @@ from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
+STATUSES = ("finished", "stopped", "failed", "interrupted")
 ARRAYS = {"t": "t", "states": "states", "inputs": "asked", "branch": "reference"}  # and their names in a file
 
 
@@ -86,14 +87,17 @@ class Trajectory(Remade, Displayed):
         inputs, branch = engine.sampled(recorded.t, recorded.states)
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion = Motion(system, engine.name, t, states, branch)
-        energies = energies_along(system, motion, work_by_force(system, motion))
-        doubts = () if status == "failed" else doubts_of(system, motion, inputs, energies)
+        motion, looked = Motion(system, engine.name, t, states, branch), {}
+        try:
+            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion))
+            doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
+        except Exception as error:  # the samples are there, whatever becomes of what is computed of them
+            doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
         made = Trajectory(
             system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
             stats, versions(), float(t0), doubts,
         )  # fmt: skip
-        made.__dict__.update(system=system, _motion=motion, _energies=energies)  # nothing is compiled or computed again
+        made.__dict__.update(system=system, _motion=motion, **looked)  # nothing is compiled or computed again
         return made
 
     @cached_property
@@ -210,7 +214,11 @@ class Trajectory(Remade, Displayed):
 
     @property
     def conditions(self) -> Array:
-        """Condition number (N,) of the programme's G in the scales of its controls; empty without a programme."""
+        """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample.
+
+        G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
+        programme.
+        """
         return self._evaluations["conditions"] if self.scene.programme else read_only(np.zeros(0))
 
     @cached_property

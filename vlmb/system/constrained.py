@@ -7,6 +7,7 @@ M^-1 (b, J^T, B) by one Cholesky; what remains is as small as the number of rows
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -74,6 +75,8 @@ class ConstraintSolver:
         self.wanted = self.numbers.ravel()
         if rows is not None:
             self.integers, self.buffers = rows.readings.integers, rows.readings.buffers()
+        self.answers, self.worth = self.table[0, :0], 1.0  # M^-1 J^T, and what the ideal rows are worth, at the last solution
+        self.largest = self.diagonal = [0.0] * self.count  # diagonal of J M^-1 J^T: its largest at accepted steps, and the last
         self.working = np.array([held + k for k, row in enumerate(info[: self.ideal]) if row.working], dtype=np.intp)
 
     @property
@@ -112,6 +115,7 @@ class ConstraintSolver:
         _, answer, info = lapack.dposv(self.frames.data.M, self.right, 0, 1)  # M overwritten
         if info:
             return None
+        self.answers = answer.T[n_controls + 1 :]
         moved = answer.T.dot(self.jacobian)  # accelerations of the rows by each control, by b, by each multiplier
         lacking = moved[n_controls]
         np.subtract(wanted, lacking, lacking)
@@ -172,7 +176,11 @@ class ConstraintSolver:
             diagonal = matrix.diagonal().tolist()
         factor, answer, info = lapack.dposv(matrix, right)
         pivots = factor.diagonal().tolist()
+        self.worth = 1.0
         if not info and all(pivot * pivot > REPEATED * own for pivot, own in zip(pivots, diagonal, strict=True)):
+            shares = zip(pivots, diagonal, self.largest, strict=True)
+            self.worth = min(pivot / math.sqrt(max(own, largest)) for pivot, own, largest in shares)
+            self.diagonal = diagonal
             return answer
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             self.require_finite()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.calls import march, onto_edge, run
+from vlmb.core.constraints import SIDEWAYS
 from vlmb.core.driver import (
     ACCEPT,
     AT_START,
@@ -27,7 +28,7 @@ from vlmb.core.driver import (
     make_driver,
 )
 from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
-from vlmb.core.row_arrays import PROJECTION
+from vlmb.core.row_arrays import PROJECTION, WORTH, WORTH_BOUND, parts, sizes_of
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
@@ -36,9 +37,10 @@ from vlmb.system.core_faults import fault
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.core_rows import solved_programme
 from vlmb.system.diagnostics import HUGE
-from vlmb.system.events import Event
+from vlmb.system.events import DEPENDENT, Event
 from vlmb.system.forces import Control, ControlReader, StateView, known_rows
 from vlmb.system.programme import weakness
+from vlmb.system.worth import LOOKED_AT, RowState
 
 Array = NDArray[np.float64]
 
@@ -62,6 +64,8 @@ class CoreEngine:
         self.branches: list[Array] = []  # and the coordinates near which it read angles
         self.errors: list[VlmbError] = []  # of the control, since the last accepted step
         self.single = make_driver("euler", self.size, directions=np.zeros(len(plan.events)))  # for single questions
+        self.dependent = next((k for k, event in enumerate(plan.events) if event.kind == DEPENDENT), -1)
+        self.look_at(LOOKED_AT[0])
         self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
 
     @property
@@ -98,9 +102,7 @@ class CoreEngine:
         """Return y' at (t, y). Raises what `fault` names."""
         if self.reader is not None:
             self._ask(t, y)
-        self._answer(EVALUATE, t, y)
-        if self.single.counts[FAILURE]:
-            raise self.fault(int(self.single.counts[FAILURE]))
+        self._question(t, y)
         dy = np.array(self.single.slope)
         if not np.isfinite(dy).all():
             raise SimulationError("the accelerations are not finite: a position, velocity or force is too large to compute with")
@@ -177,9 +179,50 @@ class CoreEngine:
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
+        if self.dependent >= 0:
+            self._answer(EVALUATE, t, y)
         self.single.slope[:] = 0.0
         self._answer(LOOK, t, y)
         return np.array(self.single.indicators[VALUE : RATE + 1])
+
+    def look_at(self, worth: float) -> None:
+        """Let the event of rows that lose their independence happen where one is worth so little."""
+        if self.dependent >= 0:
+            parts(sizes_of(self.plan.plant.rows), self.memory.rows).state[WORTH_BOUND] = worth
+
+    def rows(self, t: float, y: Array) -> RowState:
+        """Return the ideal rows at (t, y). Raises what `fault` names."""
+        self._question(t, y)
+        plan, sizes = self.plan, sizes_of(self.plan.plant.rows)
+        space, e = parts(sizes, self.memory.rows), int(sizes.ideal)
+        held, controls = int(sizes.held), int(sizes.controls)
+        z, rate = np.zeros(e), np.zeros(e)
+        z[held:], rate[held:] = space.residual[: e - held, 0], space.residual[: e - held, 1]
+        if held:
+            rate[0] = y[plan.positions + SIDEWAYS]
+        answers, square = np.array(space.answers[controls : controls + e]), np.array(space.square[:e, :e])
+        scale = np.sqrt(np.maximum(space.largest[:e], np.diag(square)))
+        return RowState(plan.row_names[:e], z, rate, answers, square, scale, float(space.state[WORTH]))
+
+    def moved(self, t: float, y: Array, change: Array) -> Array:
+        """Return y with its positions moved as velocities `change` (nv,) would move them in a second."""
+        places, moving = slice(0, self.plan.positions), np.array(y)
+        moving[self.velocities] = change
+        self._question(t, moving)
+        moving[self.velocities] = y[self.velocities]
+        moving[places] += self.single.slope[places]
+        return moving
+
+    def _question(self, t: float, y: Array) -> None:
+        """Evaluate at (t, y) under the forces that the control gave last."""
+        self._answer(EVALUATE, t, y)
+        if self.single.counts[FAILURE]:
+            raise self.fault(int(self.single.counts[FAILURE]))
+
+    @property
+    def velocities(self) -> slice:
+        """Where the velocities stand in a state."""
+        return slice(self.plan.positions, self.plan.positions + self.plan.velocities)
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""

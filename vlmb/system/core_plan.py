@@ -1,4 +1,4 @@
-"""What the compiled core runs of a scene: the plant, what its numbers mean, and why it may not serve."""
+"""What the compiled core runs of a scene: the plant, and what its numbers mean."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.core_rows import make_rows
-from vlmb.system.events import BOTH_WAYS, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
+from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
 from vlmb.system.prescribed import Prescribed
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.springs import DirectionSpring
@@ -101,14 +101,6 @@ class CorePlan:
         """Return where every point is at the samples t (N,), states (N, ny)."""
         memory = make_memory(self.plant, self.arrays.given)
         return self.arrays.postures(states[:, : self.positions + self.velocities], self.given_at(memory, t))
-
-
-def obstacle(mechanism: Mechanism) -> str | None:
-    """Say what keeps a scene from the core; None where nothing does."""
-    scene = mechanism.scene
-    if scene.base.kind == "ski" and scene.plane:
-        return "plane = true on a ski"
-    return None
 
 
 def make_core_plan(
@@ -237,6 +229,9 @@ def _watched(
             first, second = (own.get(i) or mechanism.layout.links[i].name for i in (spring.first, spring.second))
             sentence = f"{spring.name}: {first} and {second} line up, where its torque has no axis to turn about"
             add(core.LINE_UP, k, 1.0, way, Event(LINE_UP, way, spring.name, sentence))
+    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    if len(mechanism.scene.constraints) + held:
+        add(core.WORTH_OF_ROWS, 0, 1.0, 0.0, Event(DEPENDENT, FALLING, "the ideal constraints", ""))
     return watch, bounds, events
 
 

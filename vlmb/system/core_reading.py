@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.core import tree as columns
-from vlmb.model.arrays import BASE_SIZES, Arrays
+from vlmb.model.arrays import BASE_SIZES, Arrays, in_upright_plane
 from vlmb.system.frames import LinkFrames
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ class CoreReading:
         layout, first = arrays.layout, arrays.positions
         self.y = np.zeros(first + arrays.velocities)
         kind = int(arrays.tree.shape[columns.BASE_KIND])
-        self.on_ski = layout.base == "ski"
+        self.on_ski, self.upright = layout.base == "ski", arrays.upright
         axes = [0, 2] if layout.plane and layout.base == "free" else range(BASE_SIZES[kind][0])
         numbers = [0, 2] if kind == columns.SKI else range(layout.base_size)  # which velocities the core keeps of a base
         places = () if self.on_ski else zip(axes, range(layout.base_size), strict=True)
@@ -62,6 +62,8 @@ class CoreReading:
             rotation, omega = poses[joint].rotation, spatial[joint].angular
             y[at] = rotation[:, 0]
             y[rate] = omega[2] * rotation[:, 1] - omega[1] * rotation[:, 2]
+            if self.upright:
+                y[at], y[rate] = in_upright_plane(y[at], y[2]), in_upright_plane(y[rate], y[2])
         return y
 
 

@@ -28,14 +28,18 @@ class Diagnostics:
         self.mechanism, self.frames, self.applied, self.solver = mechanism, frames, applied, solver
 
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
-        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion."""
+        """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
+
+        Prescribed lengths stand apart: what moves them asks for no mass.
+        """
         model = self.mechanism.model
-        mass = np.array(pin.crba(model, self.frames.data, pin.normalize(model, q)))
+        own = np.delete(np.arange(model.nv), self.solver.prescribed_dofs)
+        mass = np.array(pin.crba(model, self.frames.data, pin.normalize(model, q)))[np.ix_(own, own)]
         if not np.isfinite(mass).all():
             return math.inf, ["every coordinate"]
         scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))
         values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
-        motion, names = np.abs(vectors[:, 0]), velocity_names(self.mechanism.layout)
+        motion, names = np.abs(vectors[:, 0]), np.array(velocity_names(self.mechanism.layout))[own].tolist()
         weakest = [names[k] for k in np.argsort(-motion)[:4] if motion[k] > 0.1 * motion.max()]
         condition = float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
         return condition, list(dict.fromkeys(weakest))

@@ -1,10 +1,10 @@
-"""What is looked for along a run: lengths at their limits, points on the snow, switches of laws, lines that swap."""
+"""What is looked for along a run: limits of lengths, points on the snow, switches of laws, lines that swap, dependent rows."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-LIMIT, FALL, SWITCH, LINE_UP, QUIET = range(5)  # kinds of events; QUIET never happens
+LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET = range(6)  # kinds of events; QUIET never happens
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 
 

@@ -28,6 +28,7 @@ from vlmb.model.names import DOT, GeneralizedForce
 from vlmb.model.quantities import allowed_names
 from vlmb.model.reading import Postures, read_along
 from vlmb.scene.expressions import Expression, parse
+from vlmb.system import interrupts
 from vlmb.system.frames import LinkFrames
 from vlmb.system.readings import Readings, make_readings, no_direction
 
@@ -119,7 +120,11 @@ class ControlReader:
         self.failure: BaseException | None = None  # what the control raised
 
     def ask(self, view: StateView) -> list[float]:
-        """Return the forces (S,). What the control raises goes through; SceneError, SimulationError for a wrong answer."""
+        """Return the forces (S,). What the control raises goes through; SceneError, SimulationError for a wrong answer.
+
+        An interrupt that waits is answered here: a control may be slow.
+        """
+        interrupts.answer()
         try:
             answer = answer_of(self.control, view)
         except BaseException as error:

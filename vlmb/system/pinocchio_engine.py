@@ -28,10 +28,12 @@ from vlmb.core.driver import (
 from vlmb.core.plant import make_memory
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
+from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.core_reading import CoreReading
-from vlmb.system.events import LIMIT, QUIET, Event
+from vlmb.system.events import DEPENDENT, LIMIT, QUIET, Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.system import System
+from vlmb.system.worth import LOOKED_AT, RowState, approach
 
 Array = NDArray[np.float64]
 
@@ -53,7 +55,7 @@ class PinocchioEngine:
         watch = self.watch
         self.workspace, self.start = system.workspace(control, branch), list(branch)
         self.memory = make_memory(watch.plant, watch.arrays.given)
-        kinds = {event.kind for event in watch.events} - {QUIET}
+        kinds = {event.kind for event in watch.events} - {QUIET, DEPENDENT}
         self.reading = CoreReading(watch.arrays, self.workspace.frames, kinds != {LIMIT}) if kinds else None
         self.still = np.zeros(watch.positions + watch.velocities)
         self.size = self.workspace.size
@@ -62,6 +64,9 @@ class PinocchioEngine:
         self.asked: list[Array] = []
         self.branches: list[list[float]] = []
         self.room = np.inf
+        self.dependent = next((k for k, event in enumerate(watch.events) if event.kind == DEPENDENT), -1)
+        self.bound = LOOKED_AT[0]
+        self.worth, self.looked = 0.0, 0.0  # of the ideal rows at the last accepted step, and its time
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -94,6 +99,8 @@ class PinocchioEngine:
                 self._look(INDICATE, t, y, bounds, h_max)
                 real[H_MAX] = min(self.seen.real[H_MAX], max(self.room, CLOSEST))
                 driver.indicators[VALUE : RATE + 1] = self.seen.indicators[VALUE : RATE + 1]
+                if self.dependent >= 0:
+                    real[H_MAX] = min(float(real[H_MAX]), self._note_worth(t, driver.indicators))
             else:
                 return int(code)
 
@@ -108,7 +115,50 @@ class PinocchioEngine:
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
         self._look(LOOK, t, y, NO_BOUNDS, np.inf)
-        return np.array(self.seen.indicators[VALUE : RATE + 1])
+        found = np.array(self.seen.indicators[VALUE : RATE + 1])
+        if self.dependent >= 0:
+            self.workspace.rhs(t, y)
+            found[:, self.dependent] = self.workspace.solver.worth - self.bound, 0.0
+        return found
+
+    def _note_worth(self, t: float, indicators: Array) -> float:
+        """Write what the ideal rows are worth at an accepted step; return half the time [s] in which one is worth nothing."""
+        solver = self.workspace.solver
+        solver.largest = [max(pair) for pair in zip(solver.largest, solver.diagonal, strict=True)]
+        rate, room = approach(solver.worth, self.worth, t - self.looked)
+        if rate > 0.0:
+            self.bound = max(self.bound, min(LOOKED_AT[0], 0.5 * solver.worth))
+        self.worth, self.looked = solver.worth, t
+        indicators[VALUE, self.dependent], indicators[RATE, self.dependent] = solver.worth - self.bound, rate
+        return room
+
+    def look_at(self, worth: float) -> None:
+        """Let the event of rows that lose their independence happen where one is worth so little."""
+        self.bound = worth
+
+    def rows(self, t: float, y: Array) -> RowState:
+        """Return the ideal rows at (t, y). Raises what the right-hand side does."""
+        self.workspace.rhs(t, y)
+        solver, count = self.workspace.solver, self.workspace.solver.count
+        z, rate = np.zeros(count), np.zeros(count)
+        if solver.held:
+            rate[0] = y[self.workspace.nq + SIDEWAYS]
+        z[solver.held :], rate[solver.held :] = solver.numbers[:2, : solver.ideal]
+        answers = np.array(solver.answers)
+        square = answers @ solver.jacobian[:, :count]
+        scale = np.sqrt(np.maximum(solver.largest, np.diag(square)))
+        return RowState(solver.names, z, rate, answers, square, scale, solver.worth)
+
+    def moved(self, t: float, y: Array, change: Array) -> Array:
+        """Return y with its positions moved as velocities `change` (nv,) would move them in a second."""
+        model, nq, moving = self.workspace.mechanism.model, self.workspace.nq, np.array(y)
+        moving[:nq] = pin.integrate(model, pin.normalize(model, y[:nq]), change)
+        return moving
+
+    @property
+    def velocities(self) -> slice:
+        """Where the velocities stand in a state."""
+        return slice(self.workspace.nq, self.workspace.nq + self.workspace.nv)
 
     def _look(self, wanted: int, t: float, y: Array, bounds: Array, h_max: float) -> None:
         """Have the core read the indicators of events, and the longest step, at directions and lengths of a state."""

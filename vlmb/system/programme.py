@@ -184,6 +184,11 @@ class ProgrammeControl:
         rank = int((singular > RANK * max(singular[0], SMALLEST)).sum())
         return rank, float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
 
+    def strengths(self, g: Array) -> tuple[float, float]:
+        """Return the largest and the smallest singular value of G in the scales of the controls."""
+        singular = np.linalg.svd(g, compute_uv=False)
+        return float(singular[0]), float(singular[-1])
+
 
 def turned_side(plan: ProgrammePlan) -> SingularError:
     """Make the error of a step over a posture where as many controls as rows lose their effect."""

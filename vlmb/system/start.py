@@ -72,6 +72,7 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     adjustments = meet_positions(mechanism, followed, coordinates, sets)
     adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
     adjustments += meet_rates(mechanism, followed, coordinates, rates, sets)
+    adjustments += _in_degrees(mechanism)
     count = len(mechanism.scene.constraints)
     rank = max((rank_of(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)
     if rank < count:
@@ -95,6 +96,19 @@ def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rate
     if both and abs(sideways) > 1e-12 * max(1.0, abs(speed)):
         return [f"sideways velocity {sideways:.6g} m/s of the ski removed; it moves along itself at {speed:.6g} m/s"]
     return []
+
+
+def _in_degrees(mechanism: Mechanism) -> list[str]:
+    """Say which angles look like degrees: whole numbers of more than a turn."""
+    given = {name: value for name, value in mechanism.scene.start.items() if abs(value) > math.tau and float(value).is_integer()}
+    angles = {quantity.name for quantity in mechanism.names.coordinates if quantity.unit == "rad"}
+    names = mechanism.names
+    return [
+        f"start.{name} = {value:g} is {value / math.tau:.3g} turns: angles are in radians, and {value:g} degrees are "
+        f"{math.radians(value):.4g}"
+        for name, value in given.items()
+        if name in names and names.find(name).name in angles
+    ]
 
 
 def _refuse_unknown(mechanism: Mechanism, followed: set[str]) -> None:

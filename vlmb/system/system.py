@@ -24,7 +24,7 @@ from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
-from vlmb.system.core_plan import CorePlan, make_core_plan, obstacle
+from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import Diagnostics
 from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forces
@@ -123,13 +123,8 @@ class System:
 
     @cached_property
     def engine(self) -> str:
-        """What evaluates the motion: `core` or `pinocchio`. SceneError where the core is asked for and does not serve."""
-        if self.run.engine == "pinocchio":
-            return "pinocchio"
-        why = obstacle(self.mechanism)
-        if why is not None and self.run.engine == "core":
-            raise SceneError(f"run.engine = 'core': it does not serve {why}; use 'pinocchio', or 'auto'")
-        return "core" if why is None else "pinocchio"
+        """What evaluates the motion: `core`, or `pinocchio` where it is asked for."""
+        return "pinocchio" if self.run.engine == "pinocchio" else "core"
 
     @cached_property
     def core_plan(self) -> CorePlan:
@@ -205,9 +200,7 @@ def make_system(
         assert rows is not None
         servo = len(scene.constraints) + len(scene.programme.constraints)
         plan = make_plan(mechanism, scene.programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run)
-    made = System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
-    _ = made.engine  # refuses one that does not serve
-    return made
+    return System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
 
 
 class Workspace:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError, nearest
 from vlmb.model.names import force_symbol, panel_label, quantity_of, short
+from vlmb.simulation.files import replacing
 from vlmb.views.data_plots import data
 from vlmb.views.panels import (
     ZERO,
@@ -205,7 +207,8 @@ def save_all(
             if only is not None:
                 raise VlmbError(f"the plot {name!r} would be empty: {figure.texts[-1].get_text()}")
             continue
-        with style():
-            figure.savefig(folder / f"{name}.png", dpi=DPI)
+        with style(), replacing(folder / f"{name}.png") as file, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph")  # a letter of a name that the font does not have
+            figure.savefig(file, dpi=DPI, format="png")
         written.append(folder / f"{name}.png")
     return written

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
+from vlmb.simulation.files import replacing
 from vlmb.views.appearance import FLOOR, FLOOR_LINES, SNOW, SNOW_LINES
 from vlmb.views.canvas import SUN, Camera, Canvas
 from vlmb.views.shapes import Lines, Mesh
+from vlmb.views.style import not_there
 from vlmb.views.visual_model import VIEW_FROM, Scenery
 
 if TYPE_CHECKING:
@@ -24,6 +26,10 @@ Array = NDArray[np.float64]
 SKY, HAZE, SHADE = "#a9cae6", "#eef4f9", "#bccbd8"
 FINER = 2  # pictures are painted larger by this and then reduced
 PALE = 0.4  # strength of the colours of earlier postures
+MAX_GHOSTS = 1000
+MAX_PIXELS = 4096 * 4096  # of a picture
+MAX_PICTURES = 10_000  # of a film
+MAX_GIF = 2_000_000_000  # pixels of all pictures of a GIF, which is made as a whole
 
 
 def still(
@@ -35,6 +41,9 @@ def still(
     Raises VlmbError when pillow is not installed.
     """
     pillow = _pillow()
+    if not 0 <= ghosts <= MAX_GHOSTS:
+        raise VlmbError(f"ghosts = {ghosts}: earlier postures in a still are 0 to {MAX_GHOSTS}")
+    _require_size(size)
     last = scenery.frame_at(float(scenery.t[-1]) if time is None else time)
     first = 0 if since is None else scenery.frame_at(since)
     frames = [*dict.fromkeys(np.linspace(first, last, ghosts + 1).astype(int).tolist()[:-1]), last] if ghosts else [last]
@@ -52,20 +61,48 @@ def animation(
 
     Raises VlmbError when pillow, or PyAV for MP4, is not installed.
     """
+    as_mp4 = Path(path).suffix.lower() == ".mp4"
+    count = pictures_of(float(scenery.t[-1] - scenery.t[0]), fps, speed)
+    if not as_mp4 and count * size[0] * size[1] > MAX_GIF:
+        raise VlmbError(f"a GIF of {count} pictures of {size[0]} x {size[1]} is too large: write an MP4, or lower fps or size")
     pictures = movie(scenery, size, fps, speed)
-    if Path(path).suffix.lower() == ".mp4":
-        return _mp4(pictures, Path(path), fps)
-    first, *others = [picture.quantize(96) for picture in pictures]
-    first.save(path, "GIF", save_all=True, append_images=others, duration=round(1000.0 / fps), loop=0)
+    with replacing(path) as file:
+        if as_mp4:
+            _mp4(pictures, file, fps)
+        else:
+            first, *others = [picture.quantize(96) for picture in pictures]
+            first.save(file, "GIF", save_all=True, append_images=others, duration=round(1000.0 / fps), loop=0)
     return Path(path)
 
 
-def _mp4(pictures: Iterator[Image], path: Path, fps: float) -> Path:
+def save_still(picture: Image, path: str | Path) -> Path:
+    """Write a picture in the format that its name ends with. Raises VlmbError for an ending that is none of a picture."""
+    ending = Path(path).suffix.lower()
+    kind = _pillow().registered_extensions().get(ending)
+    if kind is None:
+        raise VlmbError(f"{path}: its name must end as a picture's does, such as .png")
+    with replacing(path) as file:
+        picture.save(file, kind)
+    return Path(path)
+
+
+def pictures_of(duration: float, fps: float, speed: float = 1.0) -> int:
+    """Number of pictures of a film. Raises VlmbError for more than can be painted."""
+    count = duration * fps / speed
+    if not count <= MAX_PICTURES:
+        raise VlmbError(
+            f"a film of {duration:g} s at {fps:g} frames a second and {speed:g} times real time has {count:.3g} pictures: "
+            f"at most {MAX_PICTURES}; lower fps, or raise speed"
+        )
+    return max(1, round(count))
+
+
+def _mp4(pictures: Iterator[Image], path: Path, fps: float) -> None:
     """Encode pictures as H.264; it wants even sides."""
     try:
         import av
-    except ImportError:
-        raise VlmbError("an MP4 needs PyAV, which is not installed: pip install vlmb[film]; a GIF does without") from None
+    except ImportError as error:
+        raise VlmbError(f"{not_there('an MP4 needs PyAV', 'av', 'film', error)}; a GIF does without") from None
     with av.open(str(path), "w", format="mp4") as film:
         stream = film.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000), options={"crf": "20"})
         for k, picture in enumerate(pictures):
@@ -74,24 +111,24 @@ def _mp4(pictures: Iterator[Image], path: Path, fps: float) -> Path:
                 stream.pix_fmt = "yuv420p"
             film.mux(stream.encode(av.VideoFrame.from_image(picture.crop((0, 0, stream.width, stream.height)))))
         film.mux(stream.encode())
-    return path
 
 
 def frames(scenery: Scenery, folder: str | Path, size: tuple[int, int] = (960, 600), fps: float = 30.0) -> list[Path]:
     """Write one PNG a frame into a folder: frame_00000.png, ..."""
     folder = Path(folder)
+    pictures_of(float(scenery.t[-1] - scenery.t[0]), fps)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for number, picture in enumerate(movie(scenery, size, fps)):
-        written.append(folder / f"frame_{number:05d}.png")
-        picture.save(written[-1])
+        written.append(save_still(picture, folder / f"frame_{number:05d}.png"))
     return written
 
 
 def movie(scenery: Scenery, size: tuple[int, int], fps: float, speed: float = 1.0) -> Iterator[Image]:
     """Paint pictures at even times, through a camera that follows what moves."""
+    _require_size(size)
     pillow, begin = _pillow(), float(scenery.t[0])
-    for k in range(max(1, round((float(scenery.t[-1]) - begin) * fps / speed))):
+    for k in range(pictures_of(float(scenery.t[-1]) - begin, fps, speed)):
         frame = scenery.frame_at(begin + k * speed / fps)
         camera = Camera.towards(scenery.turn @ scenery.focus[frame], np.array(VIEW_FROM), 2.8 * scenery.radius)
         yield _reduce(pillow, _paint(scenery, [frame], camera, size), size)
@@ -203,9 +240,15 @@ def _moved(pose: Array, points: Array) -> Array:
     return np.asarray(moved + pose[:3, 3] if pose.shape[1] == 4 else moved)
 
 
+def _require_size(size: tuple[int, int]) -> None:
+    if not (min(size) >= 1 and size[0] * size[1] <= MAX_PIXELS):
+        raise VlmbError(f"size {size[0]} x {size[1]}: a picture has 1 to {MAX_PIXELS} pixels")
+
+
 def _pillow() -> Any:
     try:
         from PIL import Image
-    except ImportError:
-        raise VlmbError("stills need pillow, which is not installed: pip install vlmb[view]") from None
+    except ImportError as error:
+        raise not_there("stills need pillow", "PIL", "view", error) from None
+    Image.init()  # knows all formats
     return Image

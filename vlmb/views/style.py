@@ -45,6 +45,16 @@ class Series(NamedTuple):
     read: Callable[[Trajectory], Array | None]
 
 
+def not_there(need: str, package: str, extra: str, error: ImportError) -> VlmbError:
+    """Say what is not installed: a package, or one that it imports itself."""
+    missing = (error.name or package).partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or missing == package:
+        why = "" if isinstance(error, ModuleNotFoundError) else f" ({error})"
+        return VlmbError(f"{need}, which {'cannot be imported' if why else 'is not installed'}{why}: pip install vlmb[{extra}]")
+    name = "pillow" if missing == "PIL" else missing
+    return VlmbError(f"{need}, which needs {name}, and that is not installed: pip install {name}")
+
+
 @contextmanager
 def style() -> Iterator[None]:
     """Put the style on for a while; matplotlib's own settings come back afterwards.
@@ -53,8 +63,8 @@ def style() -> Iterator[None]:
     """
     try:
         import matplotlib
-    except ImportError:
-        raise VlmbError("plots need matplotlib, which is not installed: pip install vlmb[plots]") from None
+    except ImportError as error:
+        raise not_there("plots need matplotlib", "matplotlib", "plots", error) from None
     with matplotlib.rc_context(RC):
         yield
 

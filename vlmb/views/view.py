@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism
+from vlmb.simulation.files import write_text
 from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import page
@@ -113,8 +114,7 @@ def export_html(
 ) -> Path:  # fmt: skip
     """Write one HTML file that plays a motion (or shows a start posture) anywhere, without a connection."""
     made = of_trajectory(what, fps, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
-    Path(path).write_text(page(made, speed), encoding="utf-8")
-    return Path(path)
+    return write_text(path, page(made, speed))
 
 
 def picture(

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 VIEW_FROM = (-0.62, -1.0, 0.42)  # direction from what is looked at to the camera
 TRAIL_SECONDS = 1.5  # of the way of a tip
 AHEAD = 20.0  # [s] of the way of a programme that a start posture shows
+MAX_FRAMES = 200_000
 DENSITY = 1000.0  # [kg/m^3], of what masses are drawn as
 
 
@@ -109,14 +110,14 @@ def of_state(mechanism: Mechanism, state: tuple[Any, Any], arrows: bool = False)
 
 
 def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = False, programme: Any = None) -> Scenery:
-    """Return the scenery of a motion at `fps` frames a second.
+    """Return the scenery of a motion at `fps` frames a second, at fewer where that were more than MAX_FRAMES.
 
     `programme` (n, 2) [m] is drawn as a dashed way; default: the course that the scene's programme prescribes, if it does.
     """
     t, mechanism = trajectory.t, trajectory.mechanism
     if len(t) < 2:
         return of_state(mechanism, (trajectory.q[0], trajectory.v[0]), arrows)
-    frames = max(2, round((t[-1] - t[0]) * fps) + 1)
+    frames = max(2, round(min((t[-1] - t[0]) * fps, MAX_FRAMES)) + 1)
     when = np.linspace(t[0], t[-1], frames)
     q = at_times(mechanism.model, t, trajectory.q, when)
     edge = None

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vlmb.simulation.files import replacing
 from vlmb.simulation.methods import METHODS
 from vlmb.studies.work_precision import QUANTITIES, Entry, Measured
 from vlmb.views.style import BLACK, GREY, PALETTE, style
@@ -31,7 +32,8 @@ def save(found: Sequence[Measured], path: Path) -> Path:
             for axes, cost in zip(row, COSTS, strict=True):
                 draw(axes, entry, cost)
         legend(figure, [axes for row in panels for axes in row])
-        figure.savefig(path, dpi=130, metadata={"Software": None})
+        with replacing(path) as file:
+            figure.savefig(file, dpi=130, metadata={"Software": None})
     return path
 
 

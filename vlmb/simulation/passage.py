@@ -1,0 +1,183 @@
+r"""Through a posture in which ideal rows lose their independence, where the motion through it is determined.
+
+There J M^-1 J^T has no inverse, and near it every error of the position is magnified: what is a little off the rows turns into
+another branch. The motion on its own branch is smooth all the same. So the passage is integrated by Gauss collocation of order 8,
+
+    k_i = f(t + c_i h, y_i),   y_i = y + h sum_j a_ij k_j,   each y_i brought onto the rows before f is asked,
+
+over a stretch whose middle is the singular posture, which no node comes near. The same in three and nine parts tells the error.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SimulationError, VlmbError
+from vlmb.system.worth import RowState
+
+Array = NDArray[np.float64]
+
+STAGES = 4
+ROUNDS, STEADY = 80, 1e-14  # of the iteration for the slopes, and the relative change that ends it
+STALLED = 1e-9  # relative change at which rounding may end it
+PARTS = (1, 3, 9)  # odd: the middle of the middle part is the singular posture
+SPANS, LEFT = (1.0, 2.0, 4.0), 0.5  # of twice the way to the posture; what rows are worth at the end, of that at the start
+FINEST = 1e-10  # of a tolerance, what rounding leaves near the posture
+PROBE = 0.02  # of the time to the posture: how far ahead the rows are looked at
+ON_ROWS = 2e-16  # [m, rad, per s] of a residual: what is left is magnified by the third power of what the rows are worth
+
+
+def _tableau() -> tuple[Array, Array, Array]:
+    """Nodes c (s,) and integrals of the Lagrange polynomials: a (s, s) up to the nodes, weights (s, s) of their powers."""
+    nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(STAGES)[0]
+    powers = np.linalg.inv(np.vander(nodes, increasing=True))  # l_j(x) = sum_k powers[k, j] x^k
+    integrals = powers / np.arange(1, STAGES + 1)[:, None]
+    return nodes, np.vander(nodes, STAGES + 1, increasing=True)[:, 1:] @ integrals, integrals
+
+
+NODES, TO_NODES, INTEGRALS = _tableau()
+
+
+class Mover(Protocol):
+    """What a passage asks of an engine."""
+
+    @property
+    def velocities(self) -> slice:
+        """Where the velocities stand in a state."""
+        ...
+
+    def evaluate(self, t: float, y: Array) -> Array:
+        """Return y' at (t, y)."""
+        ...
+
+    def rows(self, t: float, y: Array) -> RowState:
+        """Return the ideal rows at (t, y)."""
+        ...
+
+    def moved(self, t: float, y: Array, change: Array) -> Array:
+        """Return y with its positions moved as velocities would move them in a second."""
+        ...
+
+
+class Part(NamedTuple):
+    """A part of a passage: the polynomial of collocation."""
+
+    t: float
+    h: float
+    y: Array
+    slopes: Array  # (s, ny)
+
+    def at(self, t: float) -> Array:
+        """Return y at a time [s] within it."""
+        x = (t - self.t) / self.h
+        answer: Array = self.y + self.h * (x ** np.arange(1, STAGES + 1) @ INTEGRALS) @ self.slopes
+        return answer
+
+
+class Passage(NamedTuple):
+    """A way through: its parts in order of time, and the state at their end."""
+
+    parts: list[Part]
+    t: float
+    y: Array
+    evaluations: int
+
+    def at(self, t: float) -> Array:
+        """Return y at a time [s] within it."""
+        part = next((part for part in self.parts if t < part.t + part.h), self.parts[-1])
+        return part.at(t) if t < self.t else self.y
+
+
+class _Counted:
+    """An engine, and how often it was asked."""
+
+    def __init__(self, mover: Mover) -> None:
+        self.mover, self.count = mover, 0
+
+    def on_rows(self, t: float, y: Array) -> Array:
+        """Bring a state onto the ideal rows, by the least change in kinetic energy: positions first, then velocities."""
+        mover, last = self.mover, np.inf
+        for _ in range(12):
+            rows = mover.rows(t, y)
+            self.count += 1
+            off = float(np.abs(rows.z).max())
+            if off <= ON_ROWS or off >= 0.5 * last:
+                break
+            y, last = mover.moved(t, y, -rows.shares(rows.z)), off
+            self.count += 1
+        y = np.array(y)
+        y[mover.velocities] -= rows.shares(rows.rate)
+        return y
+
+    def slope(self, t: float, y: Array) -> Array:
+        """Return y' at (t, y)."""
+        self.count += 1
+        return self.mover.evaluate(t, y)
+
+
+def time_to_dependence(mover: Mover, t: float, y: Array, guess: float) -> float:
+    """Return the time [s] in which the rows would lose their independence; inf where they do not.
+
+    guess : [s] a first one
+    """
+    here, slope = mover.rows(t, y).worth, mover.evaluate(t, y)
+    ahead = PROBE * guess
+    rate = (mover.rows(t + ahead, y + ahead * slope).worth - here) / ahead
+    return -here / rate if rate < 0.0 else np.inf
+
+
+def pass_through(mover: Mover, t: float, y: Array, ahead: float, until: float, rtol: float, atol: float) -> Passage | None:
+    """Integrate from (t, y) past the singular posture, which is `ahead` [s], and not beyond `until`.
+
+    None where no answer repeats itself, or none leads away from the posture: one that turns back near it passes it twice.
+    """
+    counted, left = _Counted(mover), LEFT * mover.rows(t, y).worth
+    for times in SPANS:
+        span = min(2.0 * times * ahead, until - t)
+        found = _agreed(counted, t, y, span, rtol, atol)
+        if found is not None and (found.t >= until or mover.rows(found.t, found.y).worth > left):
+            return found._replace(evaluations=counted.count)
+    return None
+
+
+def _agreed(counted: _Counted, t: float, y: Array, span: float, rtol: float, atol: float) -> Passage | None:
+    """Return the finer of two passages that agree."""
+    scale, before = atol + rtol * np.abs(y) + FINEST * max(1.0, float(np.abs(y).max())), None
+    for count in PARTS:
+        try:
+            found = _in_parts(counted, t, counted.on_rows(t, y), span, count)
+        except (VlmbError, np.linalg.LinAlgError):
+            before = None
+            continue
+        if before is not None and float((np.abs(found.y - before.y) / scale).max()) < 1.0:
+            return found
+        before = found
+    return None
+
+
+def _in_parts(counted: _Counted, t: float, y: Array, span: float, count: int) -> Passage:
+    parts, h = [], span / count
+    for k in range(count):
+        part, y = _collocate(counted, t + k * h, y, h)
+        parts.append(part)
+    return Passage(parts, t + span, y, 0)
+
+
+def _collocate(counted: _Counted, t: float, y: Array, h: float) -> tuple[Part, Array]:
+    """Go one part further; raises VlmbError where the iteration does not come to rest."""
+    slopes, last, size = np.tile(counted.slope(t, y), (STAGES, 1)), np.inf, max(1.0, float(np.abs(y).max()))
+    for _ in range(ROUNDS):
+        new = np.empty_like(slopes)
+        for i, stage in enumerate(y + h * TO_NODES @ slopes):
+            at = t + NODES[i] * h
+            new[i] = counted.slope(at, counted.on_rows(at, stage))
+        change = h * float(np.abs(new - slopes).max()) / size
+        slopes = new
+        if change <= STEADY or (change <= STALLED and change > 0.5 * last):
+            end = counted.on_rows(t + h, y + h * INTEGRALS.sum(axis=0) @ slopes)
+            return Part(t, h, y, slopes), end
+        last = change
+    raise SimulationError("the iteration does not come to rest")

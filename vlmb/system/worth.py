@@ -1,0 +1,45 @@
+"""What ideal rows are worth at a state, and what moves them: what a passage through a singular posture needs of an engine."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core.run import LOOKED_AT as FIRST
+
+Array = NDArray[np.float64]
+
+# of the most that a row has been worth: where a way through a singular posture is sought
+LOOKED_AT = (FIRST, 0.2 * FIRST, 0.04 * FIRST)
+
+
+class RowState(NamedTuple):
+    """The ideal rows at a state, the knife edge first where a multiplier holds it."""
+
+    names: tuple[str, ...]
+    z: Array  # (e,) residuals
+    rate: Array  # (e,) their rates
+    answers: Array  # (e, nv) M^-1 J^T
+    square: Array  # (e, e) J M^-1 J^T
+    scale: Array  # (e,) root of the largest that its diagonal has been
+    worth: float  # of the row that has least: beside those before it, as a share of the largest that it has been
+
+    def shares(self, wanted: Array) -> Array:
+        """Return the change of the velocities (nv,) that is least in kinetic energy and changes the rows by `wanted`."""
+        own = np.sqrt(np.diag(self.square))
+        answer: Array = (np.linalg.solve(self.square / np.outer(own, own), wanted / own) / own) @ self.answers
+        return answer
+
+    @property
+    def dependent(self) -> list[str]:
+        """Names of the rows that nearly depend on each other."""
+        weakest = np.abs(np.linalg.eigh(self.square / np.outer(self.scale, self.scale))[1][:, 0])
+        return [name for name, share in zip(self.names, weakest, strict=True) if share > 0.1 * weakest.max()]
+
+
+def approach(worth: float, before: float, since: float) -> tuple[float, float]:
+    """Return the rate [1/s] of what rows are worth, and half the time [s] in which it would be 0; `before` 0: not known."""
+    rate = (worth - before) / since if since > 0.0 and before > 0.0 else 0.0
+    return rate, -0.5 * worth / rate if rate < 0.0 else np.inf
