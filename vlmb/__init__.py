@@ -11,13 +11,16 @@ from vlmb.model.display import Displayed
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.scene.tables import Base, Force, Link, Programme, Rod, Run, Segment
+from vlmb.scene.tables import Base, Column, Data, Force, Link, Programme, Rod, Run, Segment, Smoothing
 from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.simulate import check, simulate
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.studies.inverse import inverse
 
 __all__ = [
     "Base",
+    "Column",
+    "Data",
     "EquationsOfMotion",
     "ExpressionError",
     "Force",
@@ -31,6 +34,7 @@ __all__ = [
     "Segment",
     "SimulationError",
     "SingularError",
+    "Smoothing",
     "State",
     "Trajectory",
     "TrajectoryError",
@@ -42,6 +46,7 @@ __all__ = [
     "closed_form",
     "equations_of_motion",
     "hinge_moments",
+    "inverse",
     "load_scene",
     "load_trajectory",
     "plots",

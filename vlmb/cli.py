@@ -223,6 +223,8 @@ def _info(args: argparse.Namespace) -> int:
         print(f"    {entry}")
     for entry in mechanism.warnings:
         print(f"  warning             {entry}")
+    for column in mechanism.signals.columns:
+        print(f"  data                {column.report}")
     return 0
 
 

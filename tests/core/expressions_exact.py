@@ -77,7 +77,7 @@ class Played:
         made, out = self.tape, np.zeros((len(self.compiled.rows), 3), self.dtype)
         numbers = np.array(parameters, self.dtype)
         tape.prepare(made, self.buffers, numbers)
-        tape.read_leaves(made, t, numbers, np.array(measured, self.dtype), np.zeros((0, 3), self.dtype), self.buffers.slots)
+        tape.read_leaves(made, t, numbers, np.array(measured, self.dtype), self.buffers.slots)
         tape.jets(made, self.buffers, out)
         slopes = np.zeros((len(out), made.parts[LEAVES]), self.dtype)
         for r in range(len(out)):

@@ -50,7 +50,7 @@ def test_rows_agree_with_todays_engine(name: str) -> None:
     tape.prepare(compiled.tape, buffers, parameters)
     reference = vocabulary.reference(coordinates)
     assert measure_these(table, compiled.tape.used, shape, now.y, given, reference, measured) == 0
-    tape.read_leaves(compiled.tape, 0.7, parameters, measured, np.zeros((0, 3)), buffers.slots)
+    tape.read_leaves(compiled.tape, 0.7, parameters, measured, buffers.slots)
     tape.play_jets(compiled.tape, buffers, compiled.tape.parts[op.PARAMETERS_END], compiled.tape.parts[op.ROOTS_END])
     for r, form in enumerate(forms(compiled)):
         rows.write_residual(compiled.tape, buffers, r, form, r, out)
@@ -83,7 +83,7 @@ def test_laws_and_switches_see_the_state() -> None:
     buffers, measured, near = make_buffers(compiled.tape), np.zeros((count, 3)), vocabulary.reference(coordinates)
     tape.prepare(compiled.tape, buffers, parameters)
     assert measure_these(table, compiled.tape.used, shape, now.y, given, near, measured) == 0
-    tape.read_leaves(compiled.tape, 0.7, parameters, measured, np.zeros((0, 3)), buffers.slots)
+    tape.read_leaves(compiled.tape, 0.7, parameters, measured, buffers.slots)
     assert tape.values(compiled.tape, buffers, out) == 0
     speed, psi, psi_rate = now.v[0], coordinates["psi1"], measured[list(vocabulary.known).index(((ELEVATION, 0, 0, 0), 0.0)), 1]
     height = mechanism.position(state, "legs", "tip")[2]
@@ -93,7 +93,7 @@ def test_laws_and_switches_see_the_state() -> None:
     change = rng.normal(size=len(now.v))
     row, found = np.zeros(len(now.v)), np.zeros((len(compiled.tape.switch), 2))
     assert add_accelerations(table, compiled.tape.used, shape, now.y, given, near, change, row, measured) == 0
-    rows.evaluate_switches(compiled.tape, buffers, 0.7, parameters, np.zeros((0, 3)), measured, found)
+    rows.evaluate_switches(compiled.tape, buffers, 0.7, parameters, measured, found)
     arguments_of = {compiled.source(int(k)): found[n] for n, k in enumerate(compiled.tape.switch[:, 1])}
     np.testing.assert_allclose(arguments_of["abs(speed)"], [speed, change[0]], rtol=1e-13)
     assert arguments_of["step(legs.tip.z - t)"][0] == pytest.approx(height - 0.7, rel=1e-13)

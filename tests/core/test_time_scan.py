@@ -14,6 +14,7 @@ from vlmb.core.time_scan import TimeScale, set_parameters, set_time, time_breaks
 from vlmb.model.tape import Leaf, compile_tape
 from vlmb.scene.expressions import parse
 
+STRAIGHT = np.array([[0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0], [100.0, *[0.0] * 6]])  # 1 + t/2 up to t = 100
 PARAMETERS = np.array([2.0, 0.36])
 NAMES = {
     "t": Leaf(opcodes.TIME), "A": Leaf(opcodes.PARAMETER, 0), "k": Leaf(opcodes.PARAMETER, 1), "x": Leaf(opcodes.VALUE, 0),
@@ -22,7 +23,7 @@ NAMES = {
 
 
 def made(text: str) -> opcodes.Tape:
-    return compile_tape([parse(text)], NAMES.__getitem__).tape
+    return compile_tape([parse(text)], NAMES.__getitem__, [STRAIGHT]).tape
 
 
 def scale(text: str, end: float = 100.0) -> TimeScale:

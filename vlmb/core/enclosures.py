@@ -13,6 +13,7 @@ from vlmb.core.intervals import Interval
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Array, Tape
 from vlmb.core.scalars import atan, exp, log
+from vlmb.core.series import END, FIRST, ORDER, signal_box
 
 Jet = tuple[Interval, Interval, Interval]
 
@@ -43,6 +44,9 @@ def enclose(tape: Tape, parameters: Array, low: float, high: float, boxes: Array
         elif kind == op.PARAMETER:
             p = parameters[tape.leaf[k, 1]]
             write(boxes, k, ((p, p), zero, zero))
+        elif kind == op.SIGNAL:
+            at = tape.leaf[k, 1]
+            signal_box(tape.series, tape.signal[at, FIRST], tape.signal[at, END], tape.signal[at, ORDER], low, high, boxes[k])
         else:
             write(boxes, k, (nothing, nothing, nothing))
     play_boxes(tape, boxes, 0, tape.parts[op.TIME_END])

@@ -237,7 +237,7 @@ def rows_of_joints(
     given, reference = table(reals, i, packed.GIVEN, 6), table(reals, i, packed.REFERENCE, 2)
     read_joints(i, reals, q, v, axes, branch)
     measured = table(reals, i, packed.MEASURED, 3)
-    read_leaves(tape, t, part(reals, i, packed.PARAMETERS), measured, table(reals, i, packed.SIGNALS, 3), buffers.slots)
+    read_leaves(tape, t, part(reals, i, packed.PARAMETERS), measured, buffers.slots)
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ROOTS_END])
     fine, residual = True, table(reals, i, packed.RESIDUAL, 3)
     for r in range(tape.root.shape[0]):
@@ -271,7 +271,7 @@ def forces_of_joints(
     given, reference = table(reals, i, packed.GIVEN, 6), table(reals, i, packed.REFERENCE, 2)
     read_joints(i, reals, q, v, axes, branch)
     measured = table(reals, i, packed.MEASURED, 3)
-    read_leaves(tape, t, part(reals, i, packed.PARAMETERS), measured, table(reals, i, packed.SIGNALS, 3), buffers.slots)
+    read_leaves(tape, t, part(reals, i, packed.PARAMETERS), measured, buffers.slots)
     play_values(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ROOTS_END])
     fine, along, line = True, part(i, i, packed.ALONG), part(reals, i, packed.ROW)
     for s in range(along.shape[0]):

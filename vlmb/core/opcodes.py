@@ -26,8 +26,9 @@ TIME, PARAMETER, VALUE, RATE, SIGNAL = range(5)
 # What a slot depends on, each on those before it too.
 OF_PARAMETERS, OF_TIME, OF_STATE = range(3)
 
-# Entries of `parts`: how many leaves, then where the operations of parameters, of time, and all that the roots need end.
-LEAVES, PARAMETERS_END, TIME_END, ROOTS_END, ALL_END = range(5)
+# Entries of `parts`: how many leaves, then where the operations of parameters, of time, and all that the roots need end; how many
+# leaves are of time.
+LEAVES, PARAMETERS_END, TIME_END, ROOTS_END, ALL_END, TIMED = range(6)
 
 # Switches: the slope jumps; the value jumps; it jumps where the other operand is negative (atan2); a domain ends, or a pole.
 KINK, JUMP, CUT, EDGE = range(4)
@@ -44,13 +45,15 @@ class Tape(NamedTuple):
     constant: Array  # (operations,)
     leaf: Integers  # (leaves, 2) kind, and which one
     root: Integers  # (roots,) slots
-    parts: Integers  # (5,)
+    parts: Integers  # (6,)
     sweep: Integers  # operations of the roots, one root after the other, each last first
     sweep_ends: Integers  # (roots, 3) in `sweep`: begin, end of those of the state, end
     used: Integers  # quantities that leaves read
     entering: Integers  # leaves that the row of a root is made of, its rates or else its values; one root after the other
     entering_ends: Integers  # (roots, 2) in `entering`: begin and end
     switch: Integers  # (switches, 4) slot whose sign decides, operation, kind, what it depends on
+    signal: Integers  # (signals, 3) given functions of time: see series.py
+    series: Array  # (pieces, 7) of all of them
 
 
 class Buffers(NamedTuple):

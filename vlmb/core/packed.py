@@ -13,21 +13,23 @@ import numpy as np
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities
+from vlmb.core.series import WIDTH
 from vlmb.core.tree import Array, Integers, Tree
 
 Values = TypeVar("Values", Array, Integers)
 
 # Parts, integers first. FORM: of each root, as in rows.py; LEVELS: coordinates by which a quantity keeps its branch;
-# ALONG: quantities that forces act along, SCALE: their scales; GIVEN: lengths that do not move.
+# ALONG: quantities that forces act along, SCALE: their scales; GIVEN: lengths that do not move; SERIES: reals, as their bits,
+# which are long and are not copied with the buffers.
 (
     CODE, LEAF, ROOT, ENDS, SWEEP, SWEEP_ENDS, USED, ENTERING, ENTERING_ENDS, SWITCH, KIND, TREE_SHAPE, LINK,
-    JOINT_SHAPE, JOINT, FORM, LEVELS, ALONG,
-) = range(18)  # fmt: skip
+    JOINT_SHAPE, JOINT, FORM, LEVELS, ALONG, SIGNAL, SERIES,
+) = range(20)  # fmt: skip
 (
-    CONSTANT, OFFSET, SHARE, BASE, REAL, GIVEN, PARAMETERS, SCALE, SIGNALS,
+    CONSTANT, OFFSET, SHARE, BASE, REAL, GIVEN, PARAMETERS, SCALE,
     SLOTS, SLOPES, ADJOINT, MEASURED, REFERENCE, STATE, BEND, SPIN, MOMENT, ROW, CARRIED, RESIDUAL,
-) = range(18, 39)  # fmt: skip
-PARTS = 39
+) = range(20, 40)  # fmt: skip
+PARTS = 40
 
 
 class Packed(NamedTuple):
@@ -53,6 +55,7 @@ def tape_parts(tape: Tape, buffers: Buffers, parameters: Array) -> dict[int, Int
     return {
         CODE: tape.code, LEAF: tape.leaf, ROOT: tape.root, ENDS: tape.parts, SWEEP: tape.sweep, SWEEP_ENDS: tape.sweep_ends,
         USED: tape.used, ENTERING: tape.entering, ENTERING_ENDS: tape.entering_ends, SWITCH: tape.switch,
+        SIGNAL: tape.signal, SERIES: np.ascontiguousarray(tape.series).view(np.int64),
         CONSTANT: tape.constant, PARAMETERS: parameters, SLOTS: buffers.slots, SLOPES: buffers.slopes, ADJOINT: buffers.adjoint,
     }  # fmt: skip
 
@@ -75,7 +78,7 @@ def tape_of(i: Integers, reals: Array) -> Tape:
     return Tape(
         table(i, i, CODE, 4), part(reals, i, CONSTANT), table(i, i, LEAF, 2), part(i, i, ROOT), part(i, i, ENDS),
         part(i, i, SWEEP), table(i, i, SWEEP_ENDS, 3), part(i, i, USED), part(i, i, ENTERING), table(i, i, ENTERING_ENDS, 2),
-        table(i, i, SWITCH, 4),
+        table(i, i, SWITCH, 4), table(i, i, SIGNAL, 3), table(i, i, SERIES, WIDTH).view(np.float64),
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from vlmb.core.row_forces import add_row_powers, push_on, write_apart
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL, Scratch, make_scratch
 from vlmb.core.springs import AngleSprings, add_springs
-from vlmb.core.tape import play_jets, play_values, prepare, read_leaves
+from vlmb.core.tape import play_jets, play_values, prepare, read_state, read_time
 from vlmb.core.tree import Array, Integers, Tree
 
 # Columns of `force`: the quantity it acts along, the root of the tape that gives it (or -1 - its place among inputs), its work.
@@ -67,7 +67,6 @@ class Memory(NamedTuple):
     values: Array  # (k,) of the forces [N, N m]
     given: Array  # (n, 6) lengths that are not free, with two derivatives
     inputs: Array  # (inputs,) forces from outside [N, N m]
-    signals: Array  # (signals, 3)
     lost: Array  # (1,) power lost in dampers between directions [W]
     row: Array  # (velocities,)
     switches: Array  # (switches, 2)
@@ -85,7 +84,7 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
         scratch=make_scratch(plant.tree), buffers=make_buffers(plant.tape), measured=np.zeros((count, 3)),
         reference=np.zeros((count, 2)), near=np.zeros(len(plant.springs.pair)), force=np.zeros(nv),
         values=np.zeros(len(plant.force)), given=np.array(given),
-        inputs=np.zeros(inputs), signals=np.zeros((0, 3)), lost=np.zeros(1), row=np.zeros(nv),
+        inputs=np.zeros(inputs), lost=np.zeros(1), row=np.zeros(nv),
         switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 3)),
         branches=np.zeros((0, count, 2)), kept=np.zeros(1, np.int64),
         rows=make_row_memory(plant.rows, nv, size, len(given), len(plant.driven)),
@@ -157,7 +156,7 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
         code = measure_these(plant.quantities, tape.used, plant.tree, y, memory.given, memory.reference, memory.measured)
         if code != 0:
             return FROM_QUANTITY * SOURCES + code
-        read_leaves(tape, t, plant.parameters, memory.measured, memory.signals, buffers.slots)
+        read_state(tape, memory.measured, buffers.slots)
     if plant.rows.table.shape[0] > 0:
         play_jets(tape, buffers, tape.parts[op.TIME_END], tape.parts[op.ROOTS_END])
     else:
@@ -169,9 +168,9 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
 def drive(plant: Plant, memory: Memory, t: float) -> None:
     """Play the laws of time with two derivatives; write the driven lengths, their rates and accelerations."""
     tape, buffers = plant.tape, memory.buffers
-    if tape.parts[op.PARAMETERS_END] == tape.parts[op.TIME_END] and plant.driven.shape[0] == 0:
+    if tape.parts[op.TIMED] == 0 and plant.driven.shape[0] == 0:
         return
-    read_leaves(tape, t, plant.parameters, memory.measured, memory.signals, buffers.slots)
+    read_time(tape, t, buffers.slots)
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.TIME_END])
     for k in range(plant.driven.shape[0]):
         slot = tape.root[plant.driven[k, DRIVE]]

@@ -46,10 +46,10 @@ def write_row(
 
 @kernel
 def evaluate_switches(
-    tape: Tape, buffers: Buffers, t: float, parameters: Array, signals: Array, measured: Array, out: Array
+    tape: Tape, buffers: Buffers, t: float, parameters: Array, measured: Array, out: Array
 ) -> None:
     """Write value and rate of every switch into `out` (switches, 2), after `measure_these` and `add_accelerations`."""
-    read_leaves(tape, t, parameters, measured, signals, buffers.slots)
+    read_leaves(tape, t, parameters, measured, buffers.slots)
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ALL_END])
     for k in range(tape.switch.shape[0]):
         slot = tape.switch[k, op.SWITCH_SLOT]

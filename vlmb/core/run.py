@@ -224,7 +224,7 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
         add_accelerations(
             quantities, used, tree, y, memory.given, memory.reference, dy[first : first + nv], memory.row, memory.measured
         )
-        evaluate_switches(plant.tape, memory.buffers, t, plant.parameters, memory.signals, memory.measured, memory.switches)
+        evaluate_switches(plant.tape, memory.buffers, t, plant.parameters, memory.measured, memory.switches)
     if plant.springs.pair.shape[0] > 0:
         line_ups(plant.springs, tree, y, memory.lines)
     for k in range(plant.watch.shape[0]):

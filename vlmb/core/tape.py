@@ -16,6 +16,7 @@ from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Array, Buffers, Tape
 from vlmb.core.operations import binary_slopes, binary_value, unary_jet, unary_value
 from vlmb.core.scalars import NAN, finite
+from vlmb.core.series import END, FIRST, ORDER, signal_jet
 
 
 @kernel
@@ -25,24 +26,36 @@ def selects_first(condition: float) -> bool:
 
 
 @kernel(inline=True)
-def read_leaves(tape: Tape, t: float, parameters: Array, measured: Array, signals: Array, slots: Array) -> None:
-    """Fill the leaves of `slots`.
+def read_leaves(tape: Tape, t: float, parameters: Array, measured: Array, slots: Array) -> None:
+    """Fill the leaves of `slots`: parameters (any,); measured (quantities, 3) value, rate and second derivative."""
+    for k in range(tape.parts[op.LEAVES]):
+        if tape.leaf[k, 0] == op.PARAMETER:
+            slots[k, 0], slots[k, 1], slots[k, 2] = parameters[tape.leaf[k, 1]], 0.0, 0.0
+    read_time(tape, t, slots)
+    read_state(tape, measured, slots)
 
-    parameters (any,); measured (quantities, 3) value, rate and second derivative; signals (any, 3) functions of time with two
-    derivatives. A op.RATE leaf knows one derivative: its second is left 0.
-    """
+
+@kernel(inline=True)
+def read_time(tape: Tape, t: float, slots: Array) -> None:
+    """Fill the leaves of time: t itself and given functions of it; nan outside what is given."""
+    for k in range(tape.parts[op.LEAVES] if tape.parts[op.TIMED] > 0 else 0):
+        kind, at = tape.leaf[k, 0], tape.leaf[k, 1]
+        if kind == op.TIME:
+            slots[k, 0], slots[k, 1], slots[k, 2] = t, 1.0, 0.0
+        elif kind == op.SIGNAL:
+            first, end, order = tape.signal[at, FIRST], tape.signal[at, END], tape.signal[at, ORDER]
+            slots[k, 0], slots[k, 1], slots[k, 2] = signal_jet(tape.series, first, end, order, t)
+
+
+@kernel(inline=True)
+def read_state(tape: Tape, measured: Array, slots: Array) -> None:
+    """Fill the leaves of the state. A op.RATE leaf knows one derivative: its second is left 0."""
     for k in range(tape.parts[op.LEAVES]):
         kind, at = tape.leaf[k, 0], tape.leaf[k, 1]
         if kind == op.VALUE:
             slots[k, 0], slots[k, 1], slots[k, 2] = measured[at, 0], measured[at, 1], measured[at, 2]
         elif kind == op.RATE:
             slots[k, 0], slots[k, 1], slots[k, 2] = measured[at, 1], measured[at, 2], 0.0
-        elif kind == op.TIME:
-            slots[k, 0], slots[k, 1], slots[k, 2] = t, 1.0, 0.0
-        elif kind == op.PARAMETER:
-            slots[k, 0], slots[k, 1], slots[k, 2] = parameters[at], 0.0, 0.0
-        elif kind == op.SIGNAL:
-            slots[k, 0], slots[k, 1], slots[k, 2] = signals[at, 0], signals[at, 1], signals[at, 2]
 
 
 @kernel

@@ -1,7 +1,6 @@
 """What laws of time do over a run, found before it: where they switch, and how short steps must be not to miss anything.
 
-An interval of time is split until what a slot can do in it is known well enough. What depends on the state, and given functions
-of time (SIGNAL), are not looked at.
+An interval of time is split until what a slot can do in it is known well enough. What depends on the state is not looked at.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from vlmb.core.enclosures import enclose
 from vlmb.core.intervals import largest
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Array, Buffers, Tape, make_buffers
-from vlmb.core.tape import play_jets, play_values
+from vlmb.core.tape import play_jets, play_values, read_time
 
 PIECES = 256  # of the run, for the range of each slot
 SMALLEST = 1e-9  # of the run: features narrower than this are not found
@@ -40,7 +39,7 @@ def time_scale(tape: Tape, parameters: Array, begin: float, end: float, count: i
     """
     slots = int(tape.parts[op.LEAVES]) + len(tape.code)
     ranges, boxes, out = np.empty((slots, 2)), np.empty((slots, 6)), np.empty((count, 3))
-    if not end > begin or tape.parts[op.TIME_END] == 0:
+    if not end > begin or tape.parts[op.TIMED] == 0:
         return TimeScale(np.array([[begin, end, end - begin]]), end)
     measure_ranges(tape, parameters, begin, end, boxes, ranges)
     used, until = find_steps(tape, parameters, begin, end, boxes, ranges, out)
@@ -87,9 +86,7 @@ def time_jump(tape: Tape, parameters: Array, root: int, t: float) -> tuple[float
 @kernel
 def set_time(tape: Tape, buffers: Buffers, t: float) -> None:
     """Fill the leaves of time."""
-    for k in range(tape.parts[op.LEAVES]):
-        if tape.leaf[k, 0] == op.TIME:
-            buffers.slots[k, 0], buffers.slots[k, 1], buffers.slots[k, 2] = t, 1.0, 0.0
+    read_time(tape, t, buffers.slots)
 
 
 @kernel
@@ -124,9 +121,14 @@ def measure_ranges(tape: Tape, parameters: Array, begin: float, end: float, boxe
 
 @kernel
 def is_resolved(tape: Tape, boxes: Array, ranges: Array, step: float) -> bool:
-    """Tell whether h^2 max|f''| <= the range of f for every slot of time."""
+    """Tell whether h^2 max|f''| <= the range of f for every slot of time, given functions among them."""
     leaves = tape.parts[op.LEAVES]
-    for slot in range(leaves + tape.parts[op.PARAMETERS_END], leaves + tape.parts[op.TIME_END]):
+    for slot in range(leaves + tape.parts[op.TIME_END]):
+        if slot < leaves:
+            if tape.leaf[slot, 0] != op.SIGNAL:
+                continue
+        elif slot < leaves + tape.parts[op.PARAMETERS_END]:
+            continue
         bend = largest((boxes[slot, 4], boxes[slot, 5]))
         known = ranges[slot, 1] >= ranges[slot, 0]
         if known and bend > 0.0 and not step * step * bend <= ranges[slot, 1] - ranges[slot, 0]:

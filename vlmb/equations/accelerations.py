@@ -18,6 +18,7 @@ from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.scene import Scene
+from vlmb.system.pace import require_data
 from vlmb.system.prescribed import prescribed_segments
 from vlmb.system.system import make_system
 
@@ -50,6 +51,7 @@ def accelerations(
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     t = finite("t", t)
     layout = mechanism.layout
+    require_data(mechanism.scene, t, t, "the instant")
     posture, speeds = _with_laws(mechanism, coordinates, rates or {}, t)
     values = complete_posture(mechanism, posture)
     motion = all_rates(mechanism, values, speeds)

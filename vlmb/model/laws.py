@@ -17,6 +17,7 @@ from vlmb.core.tape import prepare
 from vlmb.core.time_scan import time_breaks, time_jump
 from vlmb.errors import SceneError
 from vlmb.model.forms import show
+from vlmb.model.signals import NONE, Signals
 from vlmb.model.tape import CompiledTape, Leaf, compile_tape
 from vlmb.scene.expressions import Equation, Expression, failure, parse
 from vlmb.scene.names import kind_of
@@ -52,24 +53,30 @@ class Law:
         return out
 
 
-def time_law(text: str | float, parameters: Mapping[str, float], key: str) -> Law:
-    """Read a law of time in `t` and the parameters. Raises ExpressionError."""
-    expression = parse_of_time(text, parameters, key)
+def time_law(text: str | float, parameters: Mapping[str, float], key: str, signals: Signals = NONE) -> Law:
+    """Read a law of time in `t`, the parameters and measured data. Raises ExpressionError."""
+    expression = parse_of_time(text, [*parameters, *signals], key)
     names = [name for name in parameters if name in expression.names]
     places = {name: at for at, name in enumerate(names)}
     values = parameter_values({name: parameters[name] for name in names})
-    compiled = compile_tape([expression], lambda name: Leaf(op.PARAMETER, places[name]) if name in places else Leaf(op.TIME))
+
+    def leaf(name: str) -> Leaf:
+        if name in places:
+            return Leaf(op.PARAMETER, places[name])
+        return Leaf(op.SIGNAL, signals[name]) if name in signals else Leaf(op.TIME)
+
+    compiled = compile_tape([expression], leaf, signals.pieces)
     buffers = prepared(compiled, values, [expression])
     return Law(expression.text, expression, compiled, values, pack(tape_parts(compiled.tape, buffers, values)))
 
 
 def parse_of_time(text: str | float, parameters: Collection[str], key: str) -> Expression:
-    """Read an expression in `t` and the parameters. Raises ExpressionError, in words of its own where it names the motion."""
+    """Read an expression in `t`, parameters, data. Raises ExpressionError, in words of its own where it names the motion."""
     own = {"t", *parameters}
     for name in sorted(parse(text, key).names - own):
         if "." in name or name == "speed" or kind_of(name) == "a coordinate":
             hint = "the law of a force may name the motion"
-            raise failure(key, str(text), f"{name!r} is read of the motion; here stand only t and parameters", hint)
+            raise failure(key, str(text), f"{name!r} is read of the motion; here stand only t and parameters, and data", hint)
     return parse(text, key, own)
 
 

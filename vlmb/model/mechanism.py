@@ -26,6 +26,7 @@ from vlmb.model.layout import BASE_COORDINATES, Coordinate, Layout, LinkIndex, S
 from vlmb.model.names import POINTS, Names, counted
 from vlmb.model.parts import JOINTS, ORIGIN, Body, Joint, Part, Place, Point, make_model
 from vlmb.model.reading import Postures, postures
+from vlmb.model.signals import Signals, signals_of
 from vlmb.scene.expressions import evaluate
 from vlmb.scene.places import on_rod
 from vlmb.scene.scene import Scene, as_scene
@@ -73,6 +74,11 @@ class Mechanism(Remade, Displayed):
     def names(self) -> Names:
         """Every name that equations, forces, tables and figures of this mechanism may use."""
         return Names(self.layout)
+
+    @property
+    def signals(self) -> Signals:
+        """The measured data of the scene."""
+        return signals_of(self.scene)
 
     def postures(self, state: tuple[Any, Any]) -> Postures:
         """Return where every point is, and how it moves, at one state (q, v) or many (samples first)."""
@@ -333,8 +339,9 @@ def start_length(scene: Scene, segment: Segment, key: str) -> float:
     """Length [m] of a segment at the start: given, or the law's value at t = 0."""
     if segment.motion != "prescribed":
         return float(segment.length or 0.0)
-    law = parse_of_time(0.0 if segment.law is None else segment.law, scene.parameters, key)
-    return evaluate(law, {"t": 0.0, **scene.parameters})
+    signals = signals_of(scene)
+    law = parse_of_time(0.0 if segment.law is None else segment.law, [*scene.parameters, *signals], key)
+    return evaluate(law, {"t": 0.0, **scene.parameters, **signals.at(law.names, 0.0)})
 
 
 def _along(distance: float) -> Place:

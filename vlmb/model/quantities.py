@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from vlmb.core import places
 from vlmb.core import quantities as core
-from vlmb.core.opcodes import PARAMETER, RATE, TIME, VALUE
+from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
 from vlmb.core.quantities import Quantities, make_quantities
 from vlmb.errors import SceneError
 from vlmb.model.arrays import Arrays
 from vlmb.model.names import ANGLES, GeneralizedForce, Names, Quantity
+from vlmb.model.signals import NONE as NO_SIGNALS
+from vlmb.model.signals import Signals
 from vlmb.model.tape import Leaf
 
 Array = NDArray[np.float64]
@@ -25,9 +27,9 @@ NONE, LOWER, BOTH = 0, places.LOWER, places.BOTH
 SEGMENTS = {1: places.LOWER, 2: places.UPPER}
 
 
-def allowed_names(names: Names, parameters: Iterable[str]) -> Collection[str]:
-    """Every name that an equation or the law of a force may use: the time, parameters, the vocabulary."""
-    return _Allowed({"t": None, **dict.fromkeys(parameters)}, names)
+def allowed_names(names: Names, parameters: Iterable[str], data: Iterable[str] = ()) -> Collection[str]:
+    """Every name that an equation or the law of a force may use: the time, parameters, measured data, the vocabulary."""
+    return _Allowed({"t": None, **dict.fromkeys(parameters), **dict.fromkeys(data)}, names)
 
 
 class _Allowed(Collection[str]):
@@ -47,8 +49,8 @@ class _Allowed(Collection[str]):
 class QuantityTable:
     """Collects the quantities that a mechanism's forces, laws, rows and events read, each once, in the order of asking."""
 
-    def __init__(self, names: Names, arrays: Arrays, parameters: tuple[str, ...] = ()) -> None:
-        self.names, self.arrays = names, arrays
+    def __init__(self, names: Names, arrays: Arrays, parameters: tuple[str, ...] = (), signals: Signals = NO_SIGNALS) -> None:
+        self.names, self.arrays, self.signals = names, arrays, signals
         self.parameters = {name: at for at, name in enumerate(parameters)}
         self.rows: dict[Row, int] = {}
         self.labels: list[str] = []  # what each quantity is called in messages
@@ -76,6 +78,8 @@ class QuantityTable:
             return Leaf(TIME)
         if name in self.parameters:
             return Leaf(PARAMETER, self.parameters[name])
+        if name in self.signals:
+            return Leaf(SIGNAL, self.signals[name])
         quantity = self.names.find(name)
         return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.kind in ANGLES)
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vlmb.core import opcodes as core
-from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE, Tape
+from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE, Array, Tape
+from vlmb.core.series import WIDTH
 from vlmb.errors import ExpressionError
 from vlmb.model.forms import Form, RowFacts, form_of, show
 from vlmb.scene.expressions import Equation, Expression, Tree, apply, failure
@@ -47,15 +48,18 @@ class CompiledTape:
         return show(self.sources[operation]) if operation >= 0 else self.names[-1 - operation]
 
 
-def compile_tape(roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf]) -> CompiledTape:
+def compile_tape(
+    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf], pieces: Sequence[Array] = ()
+) -> CompiledTape:
     """Compile expressions (a root each) and equations (left - right) into one tape with common subexpressions shared.
 
-    `resolve` tells what a name stands for. Raises ExpressionError: too many rows or operations, or a constant part that
+    `resolve` tells what a name stands for; `pieces` (rows, 7) are given functions of time: SIGNAL 3 k + n is derivative n of
+    the one at k. Raises ExpressionError: too many rows or operations, or a constant part that
     has no value.
     """
     if len(roots) > MAX_ROWS:
         raise ExpressionError(f"{len(roots)} equations and laws: at most {MAX_ROWS}; write fewer")
-    return _compiled(roots, resolve) if roots else _empty()
+    return _compiled(roots, resolve, pieces) if roots else _empty()
 
 
 @functools.cache
@@ -64,13 +68,15 @@ def _empty() -> CompiledTape:
     return _compiled((), lambda name: Leaf(VALUE))
 
 
-def _compiled(roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf]) -> CompiledTape:
+def _compiled(
+    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf], pieces: Sequence[Array] = ()
+) -> CompiledTape:
     builder = _Builder(resolve)
     slots = [builder.root(root) for root in roots]
     needed = len(builder.code)
     switches = builder.switches()
     rows = [builder.facts(root, slot) for root, slot in zip(roots, slots, strict=True)]
-    return _arranged(builder, slots, needed, switches, rows)
+    return _arranged(builder, slots, needed, switches, rows, pieces)
 
 
 class _Builder:
@@ -106,8 +112,8 @@ class _Builder:
             mine = frozenset({slot})
             if leaf.kind == PARAMETER:
                 self.form.append(Form(core.OF_PARAMETERS, mine, angles={}))
-            elif leaf.kind in (TIME, SIGNAL):  # a signal cannot be looked at before the run as a formula can
-                self.form.append(Form(core.OF_TIME if leaf.kind == TIME else core.OF_STATE, mine, angles={}))
+            elif leaf.kind in (TIME, SIGNAL):
+                self.form.append(Form(core.OF_TIME, mine, angles={}))
             elif leaf.kind == RATE:
                 self.form.append(Form(core.OF_STATE, mine, mine, degree=1.0))
             else:
@@ -276,8 +282,9 @@ class _Builder:
 
 
 def _arranged(
-    builder: _Builder, roots: Sequence[int], needed: int, switches: Sequence[tuple[int, int, int]], rows: Sequence[RowFacts]
-) -> CompiledTape:
+    builder: _Builder, roots: Sequence[int], needed: int, switches: Sequence[tuple[int, int, int]], rows: Sequence[RowFacts],
+    pieces: Sequence[Array],
+) -> CompiledTape:  # fmt: skip
     """Put leaves first, then operations of parameters, time and state, then those of switches alone."""
     form, leaves = builder.form, len(builder.leaves)
     groups = [[k for k in range(needed) if form[builder.code[k][3]].of == of] for of in range(3)]
@@ -293,17 +300,42 @@ def _arranged(
     ends = np.cumsum([len(group) for group in groups])
     entering, entering_ends = _entering(builder, rows)
     sweep, sweep_ends = _sweeps(code, leaves, [slot[root] for root in roots], int(ends[1]))
+    timed = sum(leaf.kind in (TIME, SIGNAL) for leaf, _ in builder.leaves)
+    read, signal, series = _signals(builder, pieces)
     tape = Tape(
         code=code, constant=np.array([builder.code[k][2] for k in order], float),
-        leaf=np.array([leaf[:2] for leaf, _ in builder.leaves], np.int64).reshape(leaves, 2),
+        leaf=np.array(read, np.int64).reshape(leaves, 2),
         root=np.array([slot[root] for root in roots], np.int64),
-        parts=np.array([leaves, *ends, len(order)], np.int64), sweep=sweep, sweep_ends=sweep_ends,
+        parts=np.array([leaves, *ends, len(order), timed], np.int64), sweep=sweep, sweep_ends=sweep_ends,
         used=np.array(sorted({leaf.at for leaf, _ in builder.leaves if leaf.kind in (VALUE, RATE)}), np.int64),
         entering=entering, entering_ends=entering_ends,
         switch=np.array([(slot[at], place[k], kind, form[at].of) for at, k, kind in switches], np.int64).reshape(-1, 4),
+        signal=signal, series=series,
     )  # fmt: skip
     names = sorted(builder.leaf, key=lambda name: builder.leaf[name])
     return CompiledTape(tape, tuple(names), tuple(rows), tuple(builder.code[k][4] for k in order))
+
+
+def _signals(
+    builder: _Builder, pieces: Sequence[Array]
+) -> tuple[list[tuple[int, int]], np.ndarray, np.ndarray]:
+    """Return the leaves, kind and which one, with given functions numbered as they are used; where those stand; their pieces."""
+    used: dict[int, int] = {}  # of `pieces`, and where they begin
+    parts: list[Array] = []
+    signals: list[tuple[int, int, int]] = []
+    read = []
+    for leaf, _ in builder.leaves:
+        at = leaf.at
+        if leaf.kind == SIGNAL:
+            which, order = divmod(leaf.at, 3)
+            if which not in used:
+                used[which] = sum(map(len, parts))
+                parts.append(pieces[which])
+            at = len(signals)
+            signals.append((used[which], used[which] + len(pieces[which]) - 1, order))
+        read.append((leaf.kind, at))
+    series = np.ascontiguousarray(np.concatenate(parts)) if parts else np.zeros((0, WIDTH))
+    return read, np.array(signals, np.int64).reshape(-1, 3), series
 
 
 def _sweeps(code: np.ndarray, leaves: int, roots: Sequence[int], state: int) -> tuple[np.ndarray, np.ndarray]:

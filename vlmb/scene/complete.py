@@ -9,6 +9,7 @@ import math
 import numbers
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -18,6 +19,7 @@ from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
 from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
+from vlmb.scene.recorded import Samples, take_in
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import BASE, Link, SceneTables, Segment, Table
 from vlmb.scene.written import Written, key_of, put, resolve
@@ -29,13 +31,15 @@ TINIEST, LARGEST = 1e-50, 1e50  # sizes of numbers that products of several do n
 
 
 def complete(data: Mapping[str, Any]) -> SceneTables:
-    """Check the keys of a scene and fill in what follows: numbers of expressions, names and parents of links.
+    """Check the keys of a scene and fill in what follows: numbers of expressions, names and parents of links, measured data.
 
     Raises SceneError with the key path, what was found and what is allowed.
     """
+    if data.get("data"):
+        data = {**data, "data": take_in(data["data"], Path())}
     tables, texts = _converted(_plain(dict(data), None))
     tables = msgspec.structs.replace(tables, links=_named(tables.links))
-    check_names(tables.links, rows_of(tables))
+    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data])
     _check_tree(tables.links)
     _check(tables, texts)
     return tables
@@ -73,6 +77,8 @@ def _plain(value: Any, path: Where, depth: int = 0) -> Any:
     if kind is int:
         if abs(value) > 2**63:
             raise SceneError(f"{_key(path)}: this whole number is too large")
+        return value
+    if kind is Samples:
         return value
     if kind is float:
         if value == 0.0 or TINIEST <= abs(value) <= LARGEST:
@@ -119,16 +125,17 @@ def _in_range(number: float, key: str) -> float:
 def _given(table: Table) -> dict[str, Any]:
     """Return the keys of a table that are not at their defaults; Python checks none of them when one is made."""
     found = {}
-    for name, default in _defaults(type(table)).items():
+    for name, (key, default) in _defaults(type(table)).items():
         value = getattr(table, name)
         if value is not default and not (isinstance(value, str) and value == default):
-            found[name] = value
+            found[key] = value
     return found
 
 
 @functools.cache
-def _defaults(table: type[Table]) -> dict[str, Any]:
-    return {field.name: field.default for field in msgspec.structs.fields(table)}
+def _defaults(table: type[Table]) -> dict[str, tuple[str, Any]]:
+    """Return the key of every field in a scene file, and its default, by its name in Python."""
+    return {field.name: (field.encode_name, field.default) for field in msgspec.structs.fields(table)}
 
 
 def _named(links: tuple[Link, ...]) -> tuple[Link, ...]:

@@ -17,6 +17,7 @@ from vlmb.scene.complete import complete
 from vlmb.scene.explain import unknown_key
 from vlmb.scene.keys import changed_data
 from vlmb.scene.names import listed
+from vlmb.scene.recorded import take_in
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Link, SceneTables
 from vlmb.scene.written import as_written
@@ -44,8 +45,8 @@ class Scene(SceneTables, frozen=True, kw_only=True):
             msgspec.structs.force_setattr(self, name, getattr(tables, name))
 
     @staticmethod
-    def from_dict(data: Mapping[str, Any], source: str = "scene") -> Scene:
-        """Check a dict with the keys of a scene file and freeze it.
+    def from_dict(data: Mapping[str, Any], source: str = "scene", folder: str | os.PathLike[str] = ".") -> Scene:
+        """Check a dict with the keys of a scene file and freeze it; files of measured data are looked for in `folder`.
 
         Raises SceneError with the source, the key path, what was found and what is allowed.
         """
@@ -60,7 +61,7 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         if "base" not in data:
             raise SceneError(f"{source}: missing key 'base'")
         try:
-            return Scene(**data)
+            return Scene(**{**data, "data": take_in(data["data"], Path(folder))}) if data.get("data") else Scene(**data)
         except SceneError as error:
             raise type(error)(f"{source}: {error}") from None
 
@@ -115,6 +116,7 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         for what, entries in (("ideal rows", rows.ideal), ("programme", rows.servo), ("secondary", rows.secondary)):
             parts += [f"{what} {listed([row.name for row in entries])}"] if entries else []
         parts += [f"controls {listed(self.programme.controls)}"] if self.programme else []
+        parts += [f"data {listed([entry.name for entry in self.data])}"] if self.data else []
         parts += [f"{len(self.forces)} force{'s' * (len(self.forces) > 1)}"] if self.forces else []
         return f"<Scene {self.name!r}: {'; '.join(parts)}>"
 
@@ -151,7 +153,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         raise
     except ValueError as error:
         raise SceneError(f"{str(path)!r}: cannot be read: {error}") from None
-    return Scene.from_dict(data, str(path))
+    return Scene.from_dict(data, str(path), path.parent)
 
 
 def _not_toml(content: bytes, error: Exception) -> str:

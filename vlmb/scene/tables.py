@@ -129,6 +129,35 @@ class Programme(Table, frozen=True, kw_only=True):
     secondary_frequency: Positive | None = None  # [rad/s], default: frequency
 
 
+class Smoothing(Table, frozen=True, kw_only=True):
+    """How far a smoothing spline leaves the samples of measured data."""
+
+    sigma: Positive  # rms of the samples less the curve, in the unit of the column
+
+
+Smooth: TypeAlias = Literal["auto", "none"] | Smoothing
+
+
+class Column(Table, frozen=True, kw_only=True):
+    """A column of measured data."""
+
+    source: str = msgspec.field(name="from", default="")  # its name in the file
+    unit: str | None = None  # in which it is given; the scene has it in m, rad, N
+    smooth: Smooth | None = None  # None: as the data
+    values: tuple[float | None, ...] | None = None  # None for a sample that is missing
+
+
+class Data(Table, frozen=True, kw_only=True):
+    """Measured data: columns over time, which laws and rows may name as `mocap.knee`, `mocap.knee_dot`, `mocap.knee_ddot`."""
+
+    name: Name
+    columns: dict[Name, Column | str | tuple[float | None, ...]]
+    file: str = ""  # beside the scene file, or below
+    time: str | Column | tuple[float, ...] = "time"
+    smooth: Smooth = "auto"
+    gap: Positive = 0.2  # [s] longer holes are errors
+
+
 class Run(Table, frozen=True, kw_only=True):
     """How to integrate; every key can be overridden by an argument of `simulate`."""
 
@@ -158,6 +187,7 @@ class SceneTables(Table, frozen=True, kw_only=True):
     start: dict[str, float] = {}
     parameters: dict[Name, float] = {}
     forces: tuple[Force, ...] = ()
+    data: tuple[Data, ...] = ()
     programme: Programme | None = None
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

@@ -80,7 +80,7 @@ def shape_of(kind: Any) -> Shape:
 @functools.cache
 def keys_of(table: type[Table]) -> Mapping[str, Shape]:
     """Return the keys of a table and what may stand there."""
-    return {field.name: shape_of(field.type) for field in msgspec.structs.fields(table)}
+    return {field.encode_name: shape_of(field.type) for field in msgspec.structs.fields(table)}
 
 
 def key_of(path: Path) -> str:

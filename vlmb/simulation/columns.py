@@ -48,7 +48,7 @@ class Recorded(Protocol):
 
 
 def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterator[Column]:
-    """Yield time, coordinates, rates, energies, controls, reactions and residuals, in this order.
+    """Yield time, coordinates, rates, energies, measured data, controls, reactions and residuals, in this order.
 
     Residuals are `residual:NAME` of a row's equation and `residual_dot:NAME` of its rate; they and the multipliers of rows have
     the unit that the equation gives them, which is not known. `points` adds the points of all links
@@ -60,6 +60,9 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
         yield Column(name, names.find(name).unit, run[name])
     for name in ENERGIES:
         yield Column(name, "J", run[name])
+    signals = run.mechanism.signals
+    for name in signals:
+        yield Column(name, signals.unit(name), run[name])
     for name, values in run.controls.items():
         yield Column(name, force_unit(name), values)
     for name, values in run.reactions.items():

@@ -30,7 +30,7 @@ OUTSTANDING = 50.0  # times the spread of the slopes around it
 
 def doubts_of(system: System, motion: Motion, inputs: Array, energies: Mapping[str, Array]) -> tuple[str, ...]:
     """Return every doubt about the samples of a run: inputs (N, S) are recorded forces from outside, energies (N,) by name."""
-    run, own = system.run, {"t", *system.mechanism.scene.parameters}
+    run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
     found = of_energy(energies, run)
     if inputs.shape[1] or any(law.names - own for law in system.forces.laws):  # laws of time are looked through before a run
         names = system.forces.inputs or ()

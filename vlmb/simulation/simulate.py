@@ -29,7 +29,7 @@ from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
-from vlmb.system.pace import longest_steps
+from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
@@ -114,6 +114,7 @@ def _simulated(
     """Simulate with checked options."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
+    require_data(mechanism.scene, t0, float(times[-1]))
     system = make_system(mechanism, run)
     begin = consistent_start(system, t0)
     interrupts.answer()
@@ -188,8 +189,9 @@ class Checked(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, what was adjusted at the start, and how a programme is stable and controllable."""
-        return (*self.mechanism.warnings, *self.start.adjustments)
+        """Warnings, what is known of measured data, what was adjusted at the start, how a programme is stable."""
+        data = (column.report for column in self.mechanism.signals.columns)
+        return (*self.mechanism.warnings, *data, *self.start.adjustments)
 
     @property
     def report(self) -> str:
@@ -210,6 +212,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     """
     scene = as_scene(scene)
     mechanism = build(scene)
+    require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
     start = consistent_start(system)
     _breaks(system, 0.0, scene.run.duration)

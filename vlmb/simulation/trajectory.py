@@ -137,7 +137,7 @@ class Trajectory(Remade, Displayed):
     @property
     def names(self) -> tuple[str, ...]:
         """Names `trajectory[...]` knows, apart from points, directions and lengths of links."""
-        return ("t", *self.mechanism.names.known, *ENERGIES)
+        return ("t", *self.mechanism.names.known, *ENERGIES, *self.mechanism.signals)
 
     @property
     def end(self) -> End:
@@ -156,7 +156,7 @@ class Trajectory(Remade, Displayed):
         return f"<Trajectory of {self.scene.name!r}: {'; '.join(parts)}>"
 
     def _ipython_key_completions_(self) -> list[str]:
-        return ["t", *self.mechanism.names, *ENERGIES]
+        return ["t", *self.mechanism.names, *ENERGIES, *self.mechanism.signals]
 
     def __getitem__(self, name: str) -> Array:
         if not isinstance(name, str):
@@ -165,6 +165,8 @@ class Trajectory(Remade, Displayed):
             return self.t
         if name in ENERGIES:
             return self._energies[name]
+        if name in self.mechanism.signals:
+            return read_only(self.mechanism.signals.along(name, self.t))
         names = self.mechanism.names
         if name not in names:
             raise TrajectoryError(f"this trajectory has no {name!r:.80}; {names.hint(name)}")

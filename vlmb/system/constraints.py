@@ -65,7 +65,7 @@ class ConstraintSet:
         pushed: Sequence[tuple[GeneralizedForce, float]] = (),
     ) -> None:
         """Compile (text, key path, ideal) rows."""
-        names = allowed_names(mechanism.names, mechanism.scene.parameters)
+        names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [parse_equation(row.equation, row.key, names) for row in rows]
         pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]
@@ -108,7 +108,8 @@ class ConstraintSet:
         if bad:
             obstacle = self.readings.obstacle(buffers, bad)
             named = " and ".join(repr(self.texts[k]) for k in sorted(bad))
-            return obstacle or SimulationError(f"the equation {named} has no finite value here")
+            reach = self.readings.table.signals.reach(named)
+            return obstacle or SimulationError(f"the equation {named} has no finite value here{reach}")
         for force, column in zip(self.readings.forces, () if columns is None else columns, strict=False):
             if not np.isfinite(column).all():
                 return no_direction(force, self.readings.layout)

@@ -31,7 +31,9 @@ def fault(mechanism: Mechanism, plan: CorePlan, memory: Memory, code: int) -> Vl
     source, what = divmod(code, SOURCES)
     layout, tables = mechanism.layout, plan.table
     if source == FROM_LAW:
-        return SimulationError(f"the law {_law(plan, what)!r} of the force on {plan.acting[what]} has no finite value")
+        law = _law(plan, what)
+        reach = mechanism.signals.reach(law)
+        return SimulationError(f"the law {law!r} of the force on {plan.acting[what]} has no finite value{reach}")
     if source == FROM_FORCE:
         return no_direction(mechanism.names.forces[plan.acting[what]], layout)
     if source == FROM_SPRING:
@@ -86,7 +88,8 @@ def _of_rows(mechanism: Mechanism, plan: CorePlan, memory: Memory, what: int) ->
         return out_of_reach(plan.programme, *solved_programme(plan.plant.rows, memory.rows))
     named = [repr(name) for name in _chosen(plan.row_names, bits)]
     if kind == rows.NO_VALUE:
-        return SimulationError(f"the equation {' and '.join(named)} has no finite value here")
+        equation = " and ".join(named)
+        return SimulationError(f"the equation {equation} has no finite value here{mechanism.signals.reach(equation)}")
     if kind == rows.EMPTY_ROWS:
         return SingularError(f"{', '.join(named)} asks for what is known otherwise here: drop it")
     assert kind == rows.CONTRADICTING

@@ -121,9 +121,9 @@ def make_core_plan(
     """
     sliding = watching or run.knife_edge != "reduction"
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
-    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
+    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
     works = {name: at for at, name in enumerate(work_names)}
-    allowed = allowed_names(mechanism.names, scene.parameters)
+    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
     roots: list[Expression | Equation] = []
     laws, forces, acting = [], [], []
     for index, entry in enumerate(scene.forces):
@@ -152,10 +152,11 @@ def make_core_plan(
         roots += constraints.roots
     if len(rows.table) and programme is not None and programme.free is not None:
         roots.append(programme.free.expression)
-    compiled = compile_tape(roots, table.resolve)
+    compiled = compile_tape(roots, table.resolve, table.signals.pieces)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
-    looked_at = watching or inputs is not None or _reads_angles(table) or any("t" in root.names for root in roots)
+    timed = any(root.names & {"t", *table.signals} for root in roots)
+    looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(

@@ -60,7 +60,8 @@ class Diagnostics:
         names, applied = velocity_names(self.mechanism.layout), self.applied
         for law, channel, value in zip(applied.laws, applied.channels, applied.values.tolist(), strict=False):
             if not math.isfinite(value):
-                return SimulationError(f"the law {law.text!r} of the force on {channel.name} has no finite value")
+                reach = self.mechanism.signals.reach(law.text)
+                return SimulationError(f"the law {law.text!r} of the force on {channel.name} has no finite value{reach}")
         for what, values in (("force", tau), ("velocity", v)):
             bad = [names[k] for k in np.flatnonzero(~np.isfinite(values))]
             if bad:

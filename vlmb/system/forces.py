@@ -37,7 +37,7 @@ Control = Callable[[float, "StateView"], Mapping[str, float]]
 
 
 class StateView:
-    """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, points such as `legs.tip.z`.
+    """What a control callable sees by name: coordinates, rates, `speed`, `t`, parameters, data, points such as `legs.tip.z`.
 
     Iterating gives every name, `name in view` tells of one. `values` and Pinocchio's `q`, `v` are read-only copies.
     """
@@ -58,12 +58,14 @@ class StateView:
             raise SceneError(f"control: view[{name!r:.80}]: a name is needed, such as view['psi1']")
         if name in self.values:
             return self.values[name]
+        if name in self.mechanism.signals:
+            return float(self.mechanism.signals.along(name, np.array([self.t]))[0])
         if name not in self.mechanism.names:
             raise SceneError(f"control: unknown name {name!r:.80}; {self._hint(name)}")
         return float(self.postures.read(self.mechanism.names.find(name), self.coordinates, self.rates))
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and (name in self.values or name in self.mechanism.names)
+        return isinstance(name, str) and (name in self.values or name in self.mechanism.names or name in self.mechanism.signals)
 
     def __iter__(self) -> Iterator[str]:
         yield from self._own
@@ -82,7 +84,7 @@ class StateView:
     @property
     def _own(self) -> tuple[str, ...]:
         """Names that are no quantities of the mechanism."""
-        return ("t", *self.mechanism.scene.parameters)
+        return ("t", *self.mechanism.scene.parameters, *self.mechanism.signals)
 
     def _hint(self, name: str) -> str:
         """Say which names come nearest: a parameter's, or what the mechanism says."""
@@ -163,7 +165,7 @@ class AppliedForces:
 def applied_forces(mechanism: Mechanism, inputs: Sequence[str] | None) -> AppliedForces:
     """Collect a scene's forces and the named inputs. Raises SceneError for a force that cannot exist."""
     scene = mechanism.scene
-    allowed = allowed_names(mechanism.names, scene.parameters)
+    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
     found: list[GeneralizedForce] = []
     laws: list[Expression] = []
     for index, force in enumerate(scene.forces):

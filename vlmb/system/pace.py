@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from vlmb.core import opcodes as op
 from vlmb.core.time_scan import time_scale
+from vlmb.model.signals import require_span, signals_of
 from vlmb.model.tape import Leaf, compile_tape
-from vlmb.scene.expressions import Equation, Expression, parse, parse_equation
+from vlmb.scene.expressions import Equation, Expression, Tree, parse, parse_equation
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 
@@ -21,7 +22,11 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     Within a step h every part of a law that depends on time alone has h^2 max|f''| <= the range of f over the run. What depends
     on the state is the business of the method.
     """
-    roots = [root for root in _of_scene(scene) if "t" in root.names]
+    signals = signals_of(scene)
+    roots = [root for root in laws_of(scene) if root.names & {"t", *signals}]
+    # a length or a row brings in the second derivative of what it names: that is followed as well
+    bends = {f"{column.name}_ddot" for root in roots for column in signals.read_by(root.names)}
+    roots += [parse(name, "data") for name in sorted(bends)]
     if not roots:
         return np.zeros((0, 3))
     places = {name: at for at, name in enumerate(scene.parameters)}
@@ -29,16 +34,34 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     def leaf(name: str) -> Leaf:
         if name in places:
             return Leaf(op.PARAMETER, places[name])
+        if name in signals:
+            return Leaf(op.SIGNAL, signals[name])
         return Leaf(op.TIME) if name == "t" else Leaf(op.VALUE)
 
     parameters = np.array([float(value) for value in scene.parameters.values()])
-    found, until = time_scale(compile_tape(roots, leaf).tape, parameters, begin, end)
+    found, until = time_scale(compile_tape(roots, leaf, signals.pieces).tape, parameters, begin, end)
     if until < end:  # too fast from here on to be known
         found = np.vstack([found, [until, end, found[-1, 2]]])
     return np.ascontiguousarray(found)
 
 
-def _of_scene(scene: Scene) -> list[Expression | Equation]:
+def require_data(scene: Scene, begin: float, end: float, what: str = "the run") -> None:
+    """Raise SceneError where measured data that a scene always reads do not reach over a time [s]; `where` may pass some by."""
+    signals = signals_of(scene)
+    if signals:
+        sides = [part for root in laws_of(scene) for part in ((root.left, root.right) if isinstance(root, Equation) else (root,))]
+        require_span(signals, set().union(*(_always(side.tree) for side in sides)), begin, end, what)
+
+
+def _always(tree: Tree) -> set[str]:
+    """Names whose values an expression takes whatever `where` chooses."""
+    op, *rest = tree
+    if op in ("name", "number"):
+        return {rest[0]} if op == "name" else set()
+    return set().union(*(_always(part) for part in (rest[:1] if op == "where" else rest)))
+
+
+def laws_of(scene: Scene) -> list[Expression | Equation]:
     """Read all laws and equations of a scene."""
     found: list[Expression | Equation] = [
         parse(force.law, f"forces[{k}].law") for k, force in enumerate(scene.forces) if force.law is not None

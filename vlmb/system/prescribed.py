@@ -28,7 +28,8 @@ def prescribed_segments(mechanism: Mechanism) -> tuple[Prescribed, ...]:
             if at.motion == "prescribed":
                 side = "lower" if coordinate.segment == 1 else "upper"
                 text = mechanism.segment(coordinate).law
-                law = time_law(0.0 if text is None else text, mechanism.scene.parameters, f"links[{coordinate.link}].{side}.law")
+                key, parameters = f"links[{coordinate.link}].{side}.law", mechanism.scene.parameters
+                law = time_law(0.0 if text is None else text, parameters, key, mechanism.signals)
                 force = f"F{coordinate.link + 1}_{coordinate.segment}"
                 found.append(Prescribed(coordinate.name, force, at.q, at.v, law))
     return tuple(found)

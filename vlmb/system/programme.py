@@ -78,7 +78,7 @@ def make_plan(
                 "programme.u0: u_tau of (5.6) is one vector only for one control more than rows; here are "
                 f"{len(acting)} controls and {len(rows)} rows: use `secondary`"
             )
-        free = time_law(programme.u0, scene.parameters, "programme.u0")
+        free = time_law(programme.u0, scene.parameters, "programme.u0", mechanism.signals)
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:

@@ -101,8 +101,8 @@ def make_readings(
     """Compile equations and laws (roots) and forces with their scales for Pinocchio's state. Raises ExpressionError."""
     scene, layout = mechanism.scene, mechanism.layout
     arrays = make_arrays(scene, layout, sliding=True, driven=True)
-    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters))
-    compiled = compile_tape(roots, table.resolve)
+    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
+    compiled = compile_tape(roots, table.resolve, table.signals.pieces)
     along = [table.along(force) for force in forces]
     parameters = parameter_values(scene.parameters)
     quantities, count = table.made(), len(table.rows)

@@ -62,7 +62,9 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     for at in system.prescribed:
         jet = at.law.jet(t0)
         if not all(map(math.isfinite, jet)):
-            raise SceneError(f"{at.name}: the law {at.law.text!r} has no finite value, rate and acceleration at t = {t0:g} s")
+            reach = mechanism.signals.reach(at.law.text)
+            why = f"has no finite value, rate and acceleration at t = {t0:g} s{reach}"
+            raise SceneError(f"{at.name}: the law {at.law.text!r} {why}")
         coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
     _refuse_outside_limits(mechanism, coordinates)
     sets = row_sets(system, t0)

@@ -159,7 +159,7 @@ class System:
     def _named(self) -> frozenset[int]:
         """Links whose azimuth or elevation an equation or a law names."""
         rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
-        names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters}
+        names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters, *self.mechanism.signals}
         read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.laws)) for name in group - own]
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vlmb.errors import VlmbError, nearest
 from vlmb.model.names import force_symbol, panel_label, quantity_of, short
 from vlmb.simulation.files import replacing
+from vlmb.views.data_plots import data
 from vlmb.views.panels import (
     ZERO,
     Panel,
@@ -180,7 +181,7 @@ def phase(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 PLOTS: dict[str, Callable[..., Figure]] = {
     "coordinates": coordinates, "path": path, "energy": energy, "residuals": residuals,
     "reactions": reactions, "controls": controls, "power": power, "deviations": deviations, "strengths": strengths,
-    "phase": phase,
+    "phase": phase, "data": data,
 }  # fmt: skip
 
 
