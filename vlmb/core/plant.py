@@ -23,6 +23,7 @@ from vlmb.core.tree import Array, Integers, Tree
 
 # Columns of `force`: the quantity it acts along, the root of the tape that gives it (or -1 - its place among inputs), its work.
 ALONG, ROOT, WORK = range(3)
+IN_SPRING, IN_LOSS = -1, -2  # instead of a work state: it is the energy of a spring, or lost
 # Columns of `driven`: the link's row, the column of `given` where the length stands, the root that gives it, its work.
 ROW, COLUMN, DRIVE, DRIVE_WORK = range(4)
 # Entries of `size`
@@ -31,7 +32,8 @@ WORKS, LOSS = range(2)  # number of work states, and which one holds what damper
 # Columns of `watch`: what is watched and which one.
 FORM, WHICH = range(2)
 # a quantity against a bound; a switch of the tape; a spring's two directions; what the ideal rows are worth; none
-QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING = range(5)
+# GROWTH: the rate of a quantity
+QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING, GROWTH = range(6)
 SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound); of a line-up the way that is watched
 
 # What may be wrong: a code is source * SOURCES + what the source says.
@@ -218,13 +220,18 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     work = plant.tree.shape[of.POSITIONS] + plant.tree.shape[of.VELOCITIES]
     for j in range(plant.size[WORKS]):
         dy[work + j] = 0.0
+    lost = 0.0
     for k in range(plant.force.shape[0]):
-        if memory.values[k] != 0.0:
+        if memory.values[k] != 0.0 and plant.force[k, WORK] != IN_SPRING:
             along = plant.force[k, ALONG]
             code = measure(plant.quantities, along, plant.tree, y, memory.given, memory.reference, memory.measured)
             if code != 0:
                 return FROM_FORCE * SOURCES + k
-            dy[work + plant.force[k, WORK]] += memory.values[k] * memory.measured[along, 1]
+            power = memory.values[k] * memory.measured[along, 1]
+            if plant.force[k, WORK] == IN_LOSS:
+                lost -= power
+            else:
+                dy[work + plant.force[k, WORK]] += power
     for k in range(plant.driven.shape[0]):
         row, column = plant.driven[k, ROW], plant.driven[k, COLUMN]
         dy[work + plant.driven[k, DRIVE_WORK]] += memory.scratch.rows[row, AXIAL + column // 3] * memory.given[row, column + 1]
@@ -233,7 +240,7 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
     if plant.size[LOSS] >= 0:
-        dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0]
+        dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0] + lost
     return 0
 
 

@@ -30,6 +30,7 @@ from vlmb.core.plant import (
     BOUND,
     FORM,
     FROM_SIDE,
+    GROWTH,
     LINE_UP,
     NOTHING,
     QUANTITY,
@@ -211,6 +212,9 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
             out[VALUE, k] = plant.bound[k, SIDE] * (memory.measured[which, 0] - plant.bound[k, BOUND])
             out[RATE, k] = plant.bound[k, SIDE] * memory.measured[which, 1]
+        elif form == GROWTH:
+            measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
+            out[VALUE, k], out[RATE, k] = memory.measured[which, 1], 0.0
         elif form == SWITCH:
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:

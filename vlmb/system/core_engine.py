@@ -130,8 +130,8 @@ class CoreEngine:
         return int(run(self.plan.plant, self.memory, self.single, NO_BOUNDS, np.inf, wanted))
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
-        """Return the sine of the angle between the two directions of a spring."""
-        return self.plan.in_line(event, self.memory, y)
+        """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""
+        return self.plan.in_line(event, self.memory, t, y)
 
     def why(self, t: float, y: Array) -> str:
         """Add what the programme says about a place where a run failed; the core's codes name all else that is singular."""

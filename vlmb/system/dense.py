@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import LOST, STORED
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.diagnostics import HUGE, Diagnostics
 from vlmb.system.forces import ForceWriter
@@ -147,7 +148,8 @@ class Dense:
     def _powers(self) -> Callable[[Array, Array, Array, Array, Array, Array], None]:
         """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""
         names, start, applied = self.work_names, self.mechanism.layout.nq + self.mechanism.layout.nv, self.applied
-        slots = [start + names.index(channel.name) for channel in applied.channels]
+        account = {STORED: -1, LOST: -2}
+        slots = [account[c.kind] if c.kind in account else start + names.index(c.name) for c in applied.channels]
         solver, springs = self.solver, self.springs
         controlled = solver.n_controls + len(solver.working)  # their work states come first
         driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
@@ -156,13 +158,17 @@ class Dense:
             dy[start:] = 0.0
             if controlled:
                 dy[start : start + controlled] = solver.powers(v)
+            lost = 0.0
             if slots:
-                for slot, value, rate in zip(slots, applied.values, applied.columns.dot(v), strict=True):
-                    dy[slot] += value * rate
+                for slot, value, rate in zip(slots, applied.values.tolist(), applied.columns.dot(v).tolist(), strict=True):
+                    if slot >= 0:
+                        dy[slot] += value * rate
+                    elif slot == account[LOST]:
+                        lost -= value * rate
             for row, (slot, at) in enumerate(driven):
                 dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]
             if self.damped:
-                dy[-1] = springs.dissipation(y) + self._lost
+                dy[-1] = springs.dissipation(y) + self._lost + lost
 
         return powers
 

@@ -15,6 +15,7 @@ class Event(NamedTuple):
     direction: float
     name: str
     sentence: str
+    which: int = -1  # of a line-up: the spring between points whose ends meet
 
     @property
     def ends(self) -> bool:

@@ -166,8 +166,8 @@ class PinocchioEngine:
         run(self.watch.plant, self.memory, self.seen, bounds, h_max, wanted)
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
-        """Return the sine of the angle between the two directions of a spring."""
-        return self.watch.in_line(event, self.memory, self._core_state(y))
+        """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""
+        return self.watch.in_line(event, self.memory, t, self._core_state(y))
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""

@@ -18,6 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.model.laws import law_breaks
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import LOST
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Run, Segment
@@ -30,6 +31,7 @@ from vlmb.system.diagnostics import Diagnostics
 from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames
 from vlmb.system.gains import require_decay
+from vlmb.system.point_forces import is_named, outer_forces
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
@@ -71,7 +73,7 @@ class System:
     def __repr__(self) -> str:
         parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
         for what, names in (
-            ("forces", [channel.name for channel in self.forces.channels]),
+            ("forces", [channel.name for channel in self.forces.named]),
             ("prescribed", [at.name for at in self.prescribed]),
             ("rows", [row.name for row in (*rows_of(self.mechanism.scene).ideal, *rows_of(self.mechanism.scene).servo)]),
             ("controls", list(self.programme.names if self.programme else ())),
@@ -112,8 +114,9 @@ class System:
         """Names of the work states: forces, ideal rows that work, and "dissipation"."""
         names = [*(self.programme.names if self.programme else ())]
         names += [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
-        names += [channel.name for channel in self.forces.channels] + [at.force for at in self.prescribed]
+        names += [channel.name for channel in self.forces.named] + [at.force for at in self.prescribed]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
+        dampers += [float(channel.kind == LOST) for channel in self.forces.channels]
         return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
 
     @property
@@ -160,7 +163,7 @@ class System:
         """Links whose azimuth or elevation an equation or a law names."""
         rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
         names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters}
-        read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.laws)) for name in group - own]
+        read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.written)) for name in group - own]
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 
     def breaks(self, start: float, end: float) -> set[float]:
@@ -299,8 +302,10 @@ class Workspace:
         tau = np.zeros(self.nv)
         self._dense.forces(t, np.concatenate([q, v, y[self.nq + self.nv :]]), q, v, tau)
         controls: dict[str, float] = {}
-        for channel, value in zip(applied.channels, applied.values.tolist(), strict=True):
-            controls[channel.name] = controls.get(channel.name, 0.0) + value
+        acting = list(zip(applied.channels, applied.values.tolist(), strict=True))
+        for channel, value in acting:
+            if is_named(channel):
+                controls[channel.name] = controls.get(channel.name, 0.0) + value
         residuals, reactions = {}, {}
         ideal = np.zeros(self.nv)
         if system.constraints is not None:
@@ -315,8 +320,12 @@ class Workspace:
             tau += solver.forces()
             for name, value in zip(solver.programme.names, solver.controls.tolist(), strict=True):
                 controls[name] = controls.get(name, 0.0) + value
+            acting += zip(control_channels(self.mechanism), solver.controls.tolist(), strict=True)
         missing = pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot) - tau - ideal
         controls |= {at.force: float(missing[at.v]) for at in system.prescribed}
+        if any(channel.kind == "point" or not is_named(channel) for channel, _ in acting):  # these come through no hinge
+            outer = outer_forces(self.mechanism, self.mechanism.postures((q, v)), self.frames.data, acting)
+            pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot, outer)
         edge = float(missing[SIDEWAYS]) if self.layout.base == "ski" else None
         return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers)
 
