@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -32,6 +33,13 @@ def run(made: vlmb.Scene, engine: str, duration: float = 1.0, **options: Any) ->
 def assert_same(one: vlmb.Trajectory, other: vlmb.Trajectory, tolerance: float = 1e-8) -> None:
     for name in one.mechanism.coordinate_names:
         np.testing.assert_allclose(one[name], other[name], rtol=tolerance, atol=tolerance, err_msg=name)
+
+
+def message_of(simulated: Callable[[], vlmb.Trajectory]) -> str:
+    try:
+        return simulated().message
+    except vlmb.VlmbError as error:
+        return str(error)
 
 
 # Forces at points
@@ -111,9 +119,8 @@ def test_the_frame_of_a_link_has_a_pole_across_it_and_none_along(engine: str) ->
 
     assert upright(["30", "0", "0"]).status == "finished"
     for across in (["0", "1", "0"], ["0", "0", "1"]):
-        with pytest.raises(vlmb.VlmbError, match=r"phi1 is used by .*force.*'legs' stands at the pole"):
-            found = upright(across)
-            raise vlmb.VlmbError(found.message)
+        said = message_of(lambda force=across: upright(force))
+        assert re.search(r"phi1 is used by .*force.*'legs' stands at the pole", said), said
 
 
 def test_what_is_refused_of_forces_at_points() -> None:

@@ -28,17 +28,22 @@ from vlmb.core.march import march_here
 from vlmb.core.places import link_direction
 from vlmb.core.plant import (
     BOUND,
+    CENTRE,
     FORM,
     FROM_SIDE,
     GROWTH,
+    LIFTS,
     LINE_UP,
     NOTHING,
     QUANTITY,
     SIDE,
+    SLIPS,
     SOURCES,
+    STANDS,
     SWITCH,
     WHICH,
     WORTH_OF_ROWS,
+    YIELDS,
     Memory,
     Plant,
     drive,
@@ -48,6 +53,7 @@ from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_acceleratio
 from vlmb.core.row_arrays import SIDE as DET_SIDE
 from vlmb.core.row_arrays import SIDE_BEFORE, WORTH, WORTH_BEFORE, WORTH_BOUND, WORTH_RATE, WORTH_TIME, sizes_of, view
 from vlmb.core.rows import evaluate_switches
+from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, SLIDES
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
 from vlmb.core.triples import Vector
@@ -188,6 +194,23 @@ def passing(line: Array, way: float) -> float:
     return -way if way * line[2] > 0.0 else line[1]
 
 
+@kernel
+def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k: int, out: Array) -> None:
+    """Write an indicator of friction under the ski, as the last evaluation has it; one that means nothing now is 1."""
+    out[VALUE, k], out[RATE, k] = 1.0, 0.0
+    if plant.size[CENTRE] < 0:
+        return
+    found, mu, first = memory.sliding[FOUND], plant.sliding[MU], plant.tree.shape[of.POSITIONS]
+    if form == STANDS and found[SLIDES] != 0.0:
+        out[VALUE, k], out[RATE, k] = y[first], dy[first]
+    elif form == SLIPS and found[SLIDES] == 0.0:
+        out[VALUE, k] = mu * found[PRESS] - abs(found[FRICTION])
+    elif form == LIFTS:
+        out[VALUE, k] = found[NORMAL]
+    elif form == YIELDS:
+        out[VALUE, k] = 1.0 - mu * abs(found[ANSWER])
+
+
 @kernel(inline=True)
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
@@ -215,6 +238,8 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
         elif form == GROWTH:
             measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
             out[VALUE, k], out[RATE, k] = memory.measured[which, 1], 0.0
+        elif form in (STANDS, SLIPS, LIFTS, YIELDS):
+            look_at_ski(plant, memory, form, y, dy, k, out)
         elif form == SWITCH:
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:

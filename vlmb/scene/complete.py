@@ -180,6 +180,8 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
             refuse("base", "a ski needs mass > 0 [kg] and inertia > 0 [kg m^2]")
     elif base.drag or base.drag_at != "com":
         refuse("base", f"drag and drag_at belong to kind = 'ski'; a {base.kind!r} base takes a force at a point ([[forces]] at)")
+    elif base.friction or base.friction_on != "normal" or base.width or base.length:
+        refuse("base", f"friction, width and length belong to kind = 'ski'; remove them from {base.kind!r}")
     elif base.inertia or base.com_offset or (base.mass and base.kind == "pivot"):
         refuse("base", f"inertia and com_offset belong to kind = 'ski', mass to 'ski' and 'free'; remove them from {base.kind!r}")
     if base.kind != "ski" and not scene.links:

@@ -45,6 +45,10 @@ class Base(Table, frozen=True, kw_only=True):
     inertia: NonNegative = 0.0  # [kg m^2], ski: vertical axis through its centre of mass
     com_offset: float = 0.0  # [m], ski: centre of mass ahead of the knife-edge point
     drag: NonNegative = 0.0  # [kg/m], ski: the air takes drag |v| v
+    friction: NonNegative = 0.0  # ski: of Coulomb, along it
+    friction_on: Literal["normal", "resultant"] = "normal"  # what it goes by: the normal force, or with the edge force
+    width: NonNegative = 0.0  # [m], ski: 0 is not looked at
+    length: NonNegative = 0.0  # [m]
     drag_at: str = "com"  # whose velocity v is and where it takes it: "com", or a point such as legs.tip
 
 

@@ -30,9 +30,10 @@ from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.core_rows import make_rows
 from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_UP, QUIET, RISING, SWITCH, Event
+from vlmb.system.friction import FRICTION_EVENTS
 from vlmb.system.point_forces import lengths_of, scene_forces, singular_lengths
 from vlmb.system.prescribed import Prescribed
-from vlmb.system.programme import ProgrammePlan
+from vlmb.system.programme import ProgrammePlan, total_mass
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
@@ -160,6 +161,9 @@ def make_core_plan(
         roots += constraints.roots
     if len(rows.table) and programme is not None and programme.free is not None:
         roots.append(programme.free.expression)
+    slides = scene.base.friction > 0.0 and not watching
+    centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
+    sliding = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
@@ -171,8 +175,8 @@ def make_core_plan(
         parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
-        bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
-        rows=rows,
+        bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1), centre], np.int64),
+        rows=rows, sliding=np.array(sliding if centre >= 0 else ()),
     )  # fmt: skip
     names = (*(("knife_edge",) if len(rows.table) and rows.table[0, HELD] else ()), *(constraints.texts if constraints else ()))
     return CorePlan(
@@ -240,6 +244,9 @@ def _watched(
         name = f"springs[{index}]"
         at = table.place((quantities.HALF_SQUARE, *list(table.rows)[table.lengths[name]][1:]), name)
         add(core.GROWTH, at, 1.0, 0.0, Event(LINE_UP, RISING, name, sentence, index))
+    if mechanism.scene.base.friction:
+        for form, event in zip((core.STANDS, core.SLIPS, core.LIFTS, core.YIELDS), FRICTION_EVENTS, strict=True):
+            add(form, 0, 1.0, 0.0, event)
     held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
     if len(mechanism.scene.constraints) + held:
         add(core.WORTH_OF_ROWS, 0, 1.0, 0.0, Event(DEPENDENT, FALLING, "the ideal constraints", ""))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET = range(6)  # kinds of events; QUIET never happens
+LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP = range(7)  # kinds of events; QUIET never happens; GRIP: a ski stops, slips
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 
 
