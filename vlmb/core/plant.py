@@ -13,25 +13,32 @@ from vlmb.core.jit import kernel
 from vlmb.core.links import accelerate
 from vlmb.core.opcodes import Buffers, Tape, make_buffers
 from vlmb.core.quantities import Quantities, add_row, measure, measure_these
+from vlmb.core.row_arrays import ALONG as OF_CONTROL
 from vlmb.core.row_arrays import PROJECTED, PROJECTION, RowMemory, Rows, make_row_memory, sizes_of, view
 from vlmb.core.row_forces import add_row_powers, push_on, write_apart
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL, Scratch, make_scratch
+from vlmb.core.sliding import CARVES, FOUND, FRICTION, MASS, MU, PUSH, SAVED, SLIDES, choose, lift_of, weight_carried
 from vlmb.core.springs import AngleSprings, add_springs
 from vlmb.core.tape import play_jets, play_values, prepare, read_state, read_time
 from vlmb.core.tree import Array, Integers, Tree
 
 # Columns of `force`: the quantity it acts along, the root of the tape that gives it (or -1 - its place among inputs), its work.
 ALONG, ROOT, WORK = range(3)
+IN_SPRING, IN_LOSS = -1, -2  # instead of a work state: it is the energy of a spring, or lost
 # Columns of `driven`: the link's row, the column of `given` where the length stands, the root that gives it, its work.
 ROW, COLUMN, DRIVE, DRIVE_WORK = range(4)
 # Entries of `size`
-WORKS, LOSS = range(2)  # number of work states, and which one holds what dampers lose (-1: none does)
+# number of work states, which one holds what dampers lose (-1: none does), where the height of the centre of mass is among
+# quantities if there is friction under the ski (-1: none)
+WORKS, LOSS, CENTRE = range(3)
 
 # Columns of `watch`: what is watched and which one.
 FORM, WHICH = range(2)
 # a quantity against a bound; a switch of the tape; a spring's two directions; what the ideal rows are worth; none
-QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING = range(5)
+# GROWTH: the rate of a quantity
+# STANDS: the speed of a ski that slides; SLIPS: what friction could still hold; LIFTS: the normal force; YIELDS: 1 - mu |c|
+QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING, GROWTH, STANDS, SLIPS, LIFTS, YIELDS = range(10)
 SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound); of a line-up the way that is watched
 
 # What may be wrong: a code is source * SOURCES + what the source says.
@@ -51,8 +58,9 @@ class Plant(NamedTuple):
     springs: AngleSprings
     watch: Integers  # (e, 2) indicators of events
     bound: Array  # (e, 2)
-    size: Integers  # (2,)
+    size: Integers  # (3,)
     rows: Rows
+    sliding: Array  # (4,) see sliding.py; empty without friction
 
 
 class Memory(NamedTuple):
@@ -74,6 +82,7 @@ class Memory(NamedTuple):
     branches: Array  # (N, quantities, 2) `reference` at samples; N = 0: not kept
     kept: Integers  # (1,) how many of them are
     rows: RowMemory
+    sliding: Array  # (2, any) see sliding.py; empty without friction
 
 
 def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
@@ -88,6 +97,7 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
         switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 3)),
         branches=np.zeros((0, count, 2)), kept=np.zeros(1, np.int64),
         rows=make_row_memory(plant.rows, nv, size, len(given), len(plant.driven)),
+        sliding=np.full((2, max(nv, 6) if len(plant.sliding) else 0), np.nan),
     )  # fmt: skip
     prepare(plant.tape, memory.buffers, plant.parameters)
     return memory
@@ -108,13 +118,18 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     code = act(plant, memory, t, y)
     if code != 0:
         return code
-    code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
-    if code != 0:
-        return FROM_LINKS * SOURCES + code
-    if held:
-        code = meet_rows(plant, memory, y, dy)
+    if plant.size[CENTRE] >= 0:
+        code = slide(plant, memory, y, dy)
         if code != 0:
-            return FROM_ROWS * SOURCES + code
+            return code
+    else:
+        code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
+        if code != 0:
+            return FROM_LINKS * SOURCES + code
+        if held:
+            code = meet_rows(plant, memory, y, dy)
+            if code != 0:
+                return FROM_ROWS * SOURCES + code
     if plant.size[WORKS] > 0:
         return count_work(plant, memory, y, dy)
     return 0
@@ -211,19 +226,96 @@ def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     return 0
 
 
+@kernel
+def slide(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
+    """Write the accelerations under all forces and the friction under the ski; return a code as `evaluate`.
+
+    Three answers: without friction, with a force along the ski, with the friction that follows from both.
+    """
+    found, push, first = memory.sliding[FOUND], plant.sliding[PUSH], plant.tree.shape[of.POSITIONS]
+    for j in range(memory.force.shape[0]):
+        memory.sliding[SAVED, j] = memory.force[j]
+    code = answer_to(plant, memory, 0.0, y, dy)
+    if code != 0:
+        return code
+    n0, e0, a0 = normal_force(plant, memory, y, dy), edge_force(plant, memory), dy[first]
+    code = answer_to(plant, memory, push, y, dy)
+    if code != 0:
+        return code
+    n1, e1, a1 = normal_force(plant, memory, y, dy), edge_force(plant, memory), dy[first]
+    choose(found, plant.sliding[MU], y[first], (n0, e0, a0), ((n1 - n0) / push, (e1 - e0) / push, (a1 - a0) / push))
+    code = answer_to(plant, memory, found[FRICTION], y, dy)
+    if found[SLIDES] == 0.0:
+        dy[first] = 0.0
+    return code
+
+
+@kernel
+def answer_to(plant: Plant, memory: Memory, friction: float, y: Array, dy: Array) -> int:
+    """Write the accelerations with a force along the ski; return a code as `evaluate`."""
+    for j in range(memory.force.shape[0]):
+        memory.force[j] = memory.sliding[SAVED, j]
+    memory.force[0] += friction
+    code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
+    if code != 0:
+        return FROM_LINKS * SOURCES + code
+    if plant.rows.table.shape[0] > 0:
+        code = meet_rows(plant, memory, y, dy)
+        if code != 0:
+            return FROM_ROWS * SOURCES + code
+    return 0
+
+
+@kernel
+def edge_force(plant: Plant, memory: Memory) -> float:
+    """Return the force [N] of the knife edge as a multiplier, where `answer_to` was last, if friction goes by it too; else 0."""
+    if plant.sliding[CARVES] == 0.0:
+        return 0.0
+    sizes = sizes_of(plant.rows)
+    return view(sizes, memory.rows).shares[sizes.controls]
+
+
+@kernel
+def normal_force(plant: Plant, memory: Memory, y: Array, dy: Array) -> float:
+    """Return the force [N] of the snow on the ski along the normal, where `answer_to` was last: what outer forces leave."""
+    tree, quantities, first = plant.tree, plant.quantities, plant.tree.shape[of.POSITIONS]
+    change = dy[first : first + tree.shape[of.VELOCITIES]]
+    total = weight_carried(
+        quantities, plant.size[CENTRE], plant.sliding[MASS], tree, y, memory.given, memory.reference, change, memory.row,
+        memory.measured,
+    )  # fmt: skip
+    for k in range(plant.force.shape[0]):
+        if memory.values[k] != 0.0:
+            total -= memory.values[k] * lift_of(quantities, plant.force[k, ALONG], tree, y, memory.given)
+    if plant.rows.table.shape[0] > 0:
+        sizes, last = sizes_of(plant.rows), plant.rows.gains.shape[0] - 1
+        space, after = view(sizes, memory.rows), 1 + sizes.ideal - sizes.held + sizes.beyond
+        for k in range(sizes.controls):
+            lift = lift_of(quantities, plant.rows.table[after + k, OF_CONTROL], tree, y, memory.given)
+            total -= space.shares[k] * plant.rows.gains[last, k] * lift
+    return total
+
+
 @kernel(inline=True)
 def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Write the rates of the work states: power of each force and of each driven length, and what dampers lose [W]."""
     work = plant.tree.shape[of.POSITIONS] + plant.tree.shape[of.VELOCITIES]
     for j in range(plant.size[WORKS]):
         dy[work + j] = 0.0
+    lost = 0.0
+    if plant.size[CENTRE] >= 0:
+        lost -= memory.sliding[FOUND, FRICTION] * y[plant.tree.shape[of.POSITIONS]]
     for k in range(plant.force.shape[0]):
-        if memory.values[k] != 0.0:
+        if memory.values[k] != 0.0 and plant.force[k, WORK] != IN_SPRING:
             along = plant.force[k, ALONG]
             code = measure(plant.quantities, along, plant.tree, y, memory.given, memory.reference, memory.measured)
             if code != 0:
                 return FROM_FORCE * SOURCES + k
-            dy[work + plant.force[k, WORK]] += memory.values[k] * memory.measured[along, 1]
+            power = memory.values[k] * memory.measured[along, 1]
+            if plant.force[k, WORK] == IN_LOSS:
+                lost -= power
+            else:
+                dy[work + plant.force[k, WORK]] += power
     for k in range(plant.driven.shape[0]):
         row, column = plant.driven[k, ROW], plant.driven[k, COLUMN]
         dy[work + plant.driven[k, DRIVE_WORK]] += memory.scratch.rows[row, AXIAL + column // 3] * memory.given[row, column + 1]
@@ -232,7 +324,7 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
     if plant.size[LOSS] >= 0:
-        dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0]
+        dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0] + lost
     return 0
 
 

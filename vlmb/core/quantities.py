@@ -15,6 +15,7 @@ from vlmb.core import tree as of
 from vlmb.core.angles import FINE
 from vlmb.core.jit import kernel
 from vlmb.core.places import Moving
+from vlmb.core.scalars import NAN, sqrt
 from vlmb.core.tree import Array, Integers, Tree
 from vlmb.core.triples import Vector, dot, plus, scaled
 
@@ -31,9 +32,13 @@ from vlmb.core.triples import Vector, dot, plus, scaled
     CENTRE_OF_MASS,  # COMPONENT, of the whole mechanism
     ANGLE,  # between the directions LINK and SECOND, 0 to pi
     PLANE_ANGLE,  # psi of SECOND less psi of LINK in the upright plane of the heading
-) = range(12)  # fmt: skip
+    CONSTANT,  # `offset`; three in a row are a place that does not move
+    BETWEEN,  # the distance of two places, each the row of a POINT or the first of three CONSTANTs: LINK, SECOND
+    HALF_SQUARE,  # half the square of that distance
+) = range(15)  # fmt: skip
 KIND, LINK, COMPONENT, ALONG = range(4)  # columns of `kind`
 SECOND = COMPONENT
+MEETING = 1e-12  # [m] below which two places have no direction from one to the other
 CONSTANT_SHARE, LOWER_SHARE, UPPER_SHARE, MASS_SHARE = range(4)  # columns of `share`
 
 
@@ -153,10 +158,67 @@ def measure_here(quantities: Quantities, k: int, tree: Tree, y: Array, given: Ar
         found = angles.plane_angle(tree, y, places.HEADING, link, reference[k, 1])
     elif kind == PLANE_ANGLE:
         found = angles.plane_angle(tree, y, link, other, reference[k, 1])
+    elif kind >= CONSTANT:
+        code, found = distance_quantity(quantities, k, tree, y, given)
     else:
         found = base_quantity(tree, y, kind, other)
     out[k, 0], out[k, 1], out[k, 2] = found[0], found[1], found[2]
     return code
+
+
+@kernel
+def place_of(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> tuple[Vector, Vector, Vector]:
+    """Return place, velocity and drift of an end of a distance."""
+    offset = quantities.offset
+    if quantities.kind[k, KIND] == CONSTANT:
+        still = 0.0 * offset[k], 0.0 * offset[k], 0.0 * offset[k]
+        return (offset[k], offset[k + 1], offset[k + 2]), still, still
+    return places.point(tree, y, given, quantities.kind[k, LINK], offset[k], quantities.kind[k, ALONG])
+
+
+@kernel
+def distance_quantity(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> tuple[int, Moving]:
+    """Return code, and value, rate and drift of a constant, a distance l = |r| or l^2/2.
+
+    (l^2/2)' = r . r', (l^2/2)'' = r . r'' + r'^2; l' = r . r' / l, l'' = (r . r'' + r'^2 - l'^2) / l.
+    """
+    kind = quantities.kind[k, KIND]
+    if kind == CONSTANT:
+        return FINE, (quantities.offset[k], 0.0 * quantities.offset[k], 0.0 * quantities.offset[k])
+    first = place_of(quantities, quantities.kind[k, LINK], tree, y, given)
+    second = place_of(quantities, quantities.kind[k, SECOND], tree, y, given)
+    r, w, a = plus(second[0], -1.0, first[0]), plus(second[1], -1.0, first[1]), plus(second[2], -1.0, first[2])
+    square, growth, bend = dot(r, r), dot(r, w), dot(r, a) + dot(w, w)
+    if kind == HALF_SQUARE:
+        return FINE, (0.5 * square, growth, bend)
+    length = sqrt(square)
+    if not length > MEETING:
+        return angles.LINED_UP, (length, NAN, NAN)
+    return FINE, (length, growth / length, (bend - growth * growth / square) / length)
+
+
+@kernel
+def push_ends(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, scale: float, out: Array) -> int:
+    """Add the row of a distance, or of half its square, times a force; return a code."""
+    first, second = quantities.kind[k, LINK], quantities.kind[k, SECOND]
+    a, b = place_of(quantities, first, tree, y, given)[0], place_of(quantities, second, tree, y, given)[0]
+    r = plus(b, -1.0, a)
+    if quantities.kind[k, KIND] == BETWEEN:
+        length = sqrt(dot(r, r))
+        if not length > MEETING:
+            return angles.LINED_UP
+        scale /= length
+    push_place(quantities, first, tree, y, given, scaled(-scale, r), out)
+    push_place(quantities, second, tree, y, given, scaled(scale, r), out)
+    return FINE
+
+
+@kernel
+def push_place(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, e: Vector, out: Array) -> None:
+    """Add the row of e . place of an end of a distance."""
+    kind = quantities.kind
+    if kind[k, KIND] == POINT:
+        places.push_point(tree, y, given, kind[k, LINK], quantities.offset[k], kind[k, ALONG], e, out)
 
 
 @kernel
@@ -208,6 +270,10 @@ def add_row_here(
     elif kind == PLANE_ANGLE:
         angles.push_plane_elevation(tree, y, link, -scale, out)
         angles.push_plane_elevation(tree, y, other, scale, out)
+    elif kind in (BETWEEN, HALF_SQUARE):
+        return push_ends(quantities, k, tree, y, given, scale, out)
+    elif kind == CONSTANT:
+        return FINE
     elif kind == BASE_PLACE:
         places.push_base(tree, places.heading(tree, y), scaled(scale, axis(other)), out)
     elif kind == SPEED:

@@ -28,16 +28,22 @@ from vlmb.core.march import march_here
 from vlmb.core.places import link_direction
 from vlmb.core.plant import (
     BOUND,
+    CENTRE,
     FORM,
     FROM_SIDE,
+    GROWTH,
+    LIFTS,
     LINE_UP,
     NOTHING,
     QUANTITY,
     SIDE,
+    SLIPS,
     SOURCES,
+    STANDS,
     SWITCH,
     WHICH,
     WORTH_OF_ROWS,
+    YIELDS,
     Memory,
     Plant,
     drive,
@@ -58,6 +64,7 @@ from vlmb.core.row_arrays import (
     view,
 )
 from vlmb.core.rows import evaluate_switches
+from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, SLIDES
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
 from vlmb.core.triples import Vector
@@ -210,6 +217,23 @@ def passing(line: Array, way: float) -> float:
 
 
 @kernel
+def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k: int, out: Array) -> None:
+    """Write an indicator of friction under the ski, as the last evaluation has it; one that means nothing now is 1."""
+    out[VALUE, k], out[RATE, k] = 1.0, 0.0
+    if plant.size[CENTRE] < 0:
+        return
+    found, mu, first = memory.sliding[FOUND], plant.sliding[MU], plant.tree.shape[of.POSITIONS]
+    if form == STANDS and found[SLIDES] != 0.0:
+        out[VALUE, k], out[RATE, k] = y[first], dy[first]
+    elif form == SLIPS and found[SLIDES] == 0.0:
+        out[VALUE, k] = mu * found[PRESS] - abs(found[FRICTION])
+    elif form == LIFTS:
+        out[VALUE, k] = found[NORMAL]
+    elif form == YIELDS:
+        out[VALUE, k] = 1.0 - mu * abs(found[ANSWER])
+
+
+@kernel
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 
@@ -233,6 +257,11 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
             out[VALUE, k] = plant.bound[k, SIDE] * (memory.measured[which, 0] - plant.bound[k, BOUND])
             out[RATE, k] = plant.bound[k, SIDE] * memory.measured[which, 1]
+        elif form == GROWTH:
+            measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
+            out[VALUE, k], out[RATE, k] = memory.measured[which, 1], 0.0
+        elif form in (STANDS, SLIPS, LIFTS, YIELDS):
+            look_at_ski(plant, memory, form, y, dy, k, out)
         elif form == SWITCH:
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:

@@ -32,6 +32,7 @@ class SegmentIndex:
     joint: int = 0  # 0: no joint
     q: int = -1
     v: int = -1
+    loose: bool = False  # free in the scene, but nothing hangs on it: its length is drawn, and has no equation
 
 
 @dataclass(frozen=True)

@@ -260,7 +260,8 @@ class _Builder:
         """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""
         link, segment = self.scene.links[i], self.scene.links[i].segment(which)
         length = start_length(self.scene, segment, f"links[{i}].{'lower' if which == 1 else 'upper'}.law")
-        if segment.motion == "free" and which == 2 and not self.carried[i]:
+        loose = segment.motion == "free" and which == 2 and not self.carried[i]
+        if loose:
             self.left_out.append(
                 f"xi{i + 1}_2, the upper segment of {link.name!r}: nothing hangs on it; drawn with its length {length:g} m"
             )
@@ -271,7 +272,7 @@ class _Builder:
             name = f"{link.name}.{'lower' if which == 1 else 'upper'}"
             new, at_q, at_v = self._joint(joint, "x", _along(at), name)
             return SegmentIndex(segment.motion, length, new, at_q, at_v), new, 0.0
-        return SegmentIndex("fixed", length), joint, at + length
+        return SegmentIndex("fixed", length, loose=loose), joint, at + length
 
     def _hinge_inertia(self, i: int, lower: float) -> float:
         """Inertia [kg m^2] of a link and all it carries at its tip, about its hinge, at the start lengths (J_i of paper.md 9)."""

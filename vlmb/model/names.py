@@ -2,7 +2,8 @@
 
 Quantities are the coordinates and their aliases (`xi1_1` is `legs.lower`), `speed`, of each link its `length`, `direction` and
 points (`legs.tip.z`), and the centre of mass (`com.z`); each has a rate, by the same name with `_dot`. Forces are the generalized
-forces of the coordinates (`F1_1`, `M_psi1`, `F_x`, `M_phi0`) and the hinge torques (`T_legs`). Nothing else knows these names.
+forces of the coordinates (`F1_1`, `M_psi1`, `F_x`, `M_phi0`), the hinge torques (`T_legs`) and forces at points (`R_legs.tip.x`).
+Nothing else knows these names.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from vlmb.scene.names import listed
 AXES = "xyz"
 POINTS = ("hinge", "rod_start", "rod_end", "tip")
 DOT = "_dot"
+AT_POINT = "R_"  # how forces at points begin
+POINTS_OF = "a link's name with .hinge, .rod_start, .rod_end or .tip"
 ALIASES = {"lower": ("xi", 1), "upper": ("xi", 2), "azimuth": ("phi", 0), "elevation": ("psi", 0)}  # kind and segment
 PLACES = {"phi0": "heading", **dict.fromkeys(AXES, "place")}  # what a coordinate of the base is
 LETTERS = {"phi": r"\varphi", "phi0": r"\varphi", "psi": r"\psi", "xi": r"\xi"}
@@ -69,16 +72,24 @@ class Quantity:
         return f"${self.tex}$"
 
 
+PointEnd = tuple[int, str] | tuple[float, float, float]  # a point of a link, or a fixed place [m]
+STORED, LOST = "spring", "damper"  # kinds of forces whose work is energy of a spring, or lost
+
+
 @dataclass(frozen=True)
 class GeneralizedForce:
-    """A named generalized force: F1_1, F_x, M_phi0, M_phi1, M_psi1, or a hinge torque T_legs."""
+    """A named generalized force: F1_1, F_x, M_phi0, M_phi1, M_psi1, a hinge torque T_legs, or a force at a point R_legs.tip.x.
+
+    Springs and dampers between points, and drag, are such too, without a name in results.
+    """
 
     name: str
-    kind: str  # axis | surface | phi | psi | hinge
+    kind: str  # axis | surface | phi | psi | hinge | point | spring | damper
     link: int = -1
     v: int = -1  # axis, surface: index into velocities
     unit: str = "N"
-    coordinate: str = ""  # the coordinate it acts along; none for a hinge torque
+    coordinate: str = ""  # the coordinate, or the component of a point's place, that it acts along; none for a hinge torque
+    ends: tuple[PointEnd, ...] = ()  # of a spring between points
 
     @property
     def symbol(self) -> str:
@@ -101,7 +112,7 @@ def force_symbol(name: str) -> str:
         return f"$M_{{{LETTERS[index[:3]]}_{{{index[3:]}}}}}$"
     if letter[:1] == "F" and letter[1:].isdigit() and index.isdigit():
         return f"$F_{{{letter[1:]}{',' if int(letter[1:]) > 9 else ''}{index}}}$"
-    return f"$T$ {index}" if letter == "T" else name
+    return f"${letter}$ {index}" if letter in ("T", "R") else name
 
 
 @dataclass(frozen=True)
@@ -179,6 +190,12 @@ class Names(Collection[str]):
         """Return a force by name; SceneError with the nearest ones, or why this force cannot exist."""
         if name in self.forces:
             return self.forces[name]
+        if name.startswith(AT_POINT):
+            place, _, axis = name.removeprefix(AT_POINT).rpartition(".")
+            if axis in AXES and axis:
+                return self.force_at(place, axis, where)
+            form = "a force at a point is R_, the point, and .x, .y or .z: R_legs.tip.x"
+            raise SceneError(f"{where}: unknown force {name!r}; {form}")
         why = ""
         if self.layout.plane and name.startswith("M_phi"):
             why = "with plane = true the links have no azimuth of their own; "
@@ -186,6 +203,25 @@ class Names(Collection[str]):
             if c.kind == "xi" and name == force_along(c):
                 why = f"{c.name} is prescribed: its force is a result, read it in `controls`; "
         raise SceneError(f"{where}: unknown force {name!r}; {why}{nearest(name, self.forces)}")
+
+    def force_at(self, place: str, axis: str, where: str) -> GeneralizedForce:
+        """Return one component of a force at a point, `legs.tip`, or at the centre of mass, `com`. Raises SceneError."""
+        name = f"{place}.{axis}"
+        link = -1 if place == "com" else self.point(place, where)[0]
+        return GeneralizedForce(f"{AT_POINT}{name}", "point", link, coordinate=name)
+
+    def point(self, place: str, where: str) -> tuple[int, str]:
+        """Return link and point of a place such as `legs.tip`. Raises SceneError for one that is none, or has no place."""
+        owner, _, point = place.partition(".")
+        i = self.links.get(owner)
+        if i is None:
+            raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(owner, self.links)} Points are {POINTS_OF}")
+        if point not in POINTS:
+            raise SceneError(f"{where}: {owner!r} has no point {point!r:.80}; {nearest(point, POINTS)}")
+        if point == "tip" and self.layout.links[i].upper.loose:
+            why = "ends a free segment that carries no mass, so that its place has no equation"
+            raise SceneError(f"{where}: {place} {why}; give the link a tip_mass, fix its upper segment, or take {owner}.rod_end")
+        return i, point
 
     def hint(self, name: object) -> str:
         """Say which names come nearest to a wrong one, or why a coordinate is none of this scene."""
@@ -268,7 +304,7 @@ def force_along(coordinate: Coordinate) -> str:
 
 def force_unit(name: str) -> str:
     """Unit of a generalized force or hinge torque: N along a length, N m about an angle."""
-    return "N" if name[:1] == "F" else "N m"
+    return "N" if name[:1] in ("F", "R") else "N m"
 
 
 def generalized_forces(layout: Layout) -> dict[str, GeneralizedForce]:

@@ -14,7 +14,7 @@ from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
 from vlmb.core.quantities import Quantities, make_quantities
 from vlmb.errors import SceneError
 from vlmb.model.arrays import Arrays
-from vlmb.model.names import ANGLES, GeneralizedForce, Names, Quantity
+from vlmb.model.names import ANGLES, DOT, STORED, GeneralizedForce, Names, PointEnd, Quantity
 from vlmb.model.signals import NONE as NO_SIGNALS
 from vlmb.model.signals import Signals
 from vlmb.model.tape import Leaf
@@ -25,6 +25,7 @@ Integers = NDArray[np.int64]
 Row = tuple[int, int, int, int, float]  # kind, link, component, segments along, offset [m]
 NONE, LOWER, BOTH = 0, places.LOWER, places.BOTH
 SEGMENTS = {1: places.LOWER, 2: places.UPPER}
+SQUARE = "^2/2"  # ends the name of a spring that acts along half the square of its length
 
 
 def allowed_names(names: Names, parameters: Iterable[str], data: Iterable[str] = ()) -> Collection[str]:
@@ -54,6 +55,8 @@ class QuantityTable:
         self.parameters = {name: at for at, name in enumerate(parameters)}
         self.rows: dict[Row, int] = {}
         self.labels: list[str] = []  # what each quantity is called in messages
+        self.fixed: dict[int, PointEnd] = {}  # places that do not move, by where their x stands
+        self.lengths: dict[str, int] = {}  # quantities that laws of springs name, beside the vocabulary
 
     def place(self, row: Row, label: str) -> int:
         """Return where a quantity stands."""
@@ -67,7 +70,13 @@ class QuantityTable:
         return self.place(self._row(quantity), quantity.name)
 
     def along(self, force: GeneralizedForce) -> int:
-        """Return where the quantity stands that a generalized force acts along."""
+        """Return where the quantity stands that a generalized force acts along; that of a spring has its name in laws."""
+        if force.ends:
+            kind = core.HALF_SQUARE if force.kind == STORED and force.coordinate == SQUARE else core.BETWEEN
+            first, second = (self._end(end, force.name) for end in force.ends)
+            at = self.place((kind, first, second, 0, 0.0), force.name)
+            self.lengths[force.name] = at
+            return at
         if force.coordinate:
             return self.of(self.names.find(force.coordinate))
         return self.place(self._opening(force.link), force.name)
@@ -80,6 +89,8 @@ class QuantityTable:
             return Leaf(PARAMETER, self.parameters[name])
         if name in self.signals:
             return Leaf(SIGNAL, self.signals[name])
+        if name.removesuffix(DOT) in self.lengths:
+            return Leaf(RATE if name.endswith(DOT) else VALUE, self.lengths[name.removesuffix(DOT)])
         quantity = self.names.find(name)
         return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.kind in ANGLES)
 
@@ -138,10 +149,28 @@ class QuantityTable:
         if q.kind == "com":
             return core.CENTRE_OF_MASS, 0, q.axis, 0, 0.0
         if q.kind == "point":
-            ends = {"hinge": (NONE, 0.0), "rod_start": (LOWER, 0.0), "rod_end": (LOWER, rod), "tip": (BOTH, rod)}
-            along, offset = ends[q.point]
-            return core.POINT, link, q.axis, along, offset
+            return self._point(q.link, q.point, q.axis)
         raise SceneError(f"{q.name}: no quantity that an equation can read")  # pragma: no cover
+
+    def _point(self, i: int, point: str, axis: int) -> Row:
+        link = self.arrays.rows[i]
+        rod = float(self.arrays.tree.real[link, 0])
+        ends = {"hinge": (NONE, 0.0), "rod_start": (LOWER, 0.0), "rod_end": (LOWER, rod), "tip": (BOTH, rod)}
+        along, offset = ends[point]
+        return core.POINT, link, axis, along, offset
+
+    def _end(self, end: PointEnd, label: str) -> int:
+        """Return where an end of a spring stands: the first component of a point, or of three constants in a row."""
+        if len(end) == 2:
+            return self.place(self._point(end[0], end[1], 0), f"{self.arrays.layout.links[end[0]].name}.{end[1]}.x")
+        known = [at for at in self.fixed if self.fixed[at] == end]
+        if known:
+            return known[0]
+        first = len(self.rows)
+        for axis, value in enumerate(end):
+            self.place((core.CONSTANT, len(self.fixed), axis, 0, value), label)
+        self.fixed[first] = end
+        return first
 
     def _opening(self, i: int) -> Row:
         """Return the angle that a hinge torque opens: to the parent's direction; in a plane the elevation over the parent's."""

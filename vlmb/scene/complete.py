@@ -21,7 +21,7 @@ from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import BASE, Link, SceneTables, Segment, Table
+from vlmb.scene.tables import BASE, SURFACE, Force, Link, SceneTables, Segment, Spring, Table
 from vlmb.scene.written import Written, key_of, put, resolve
 
 UNUSABLE = frozenset({"t", "speed", *FUNCTIONS, *CONSTANTS})  # as names of parameters
@@ -185,6 +185,10 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
     if base.kind == "ski":
         if not base.mass > 0.0 or not base.inertia > 0.0:
             refuse("base", "a ski needs mass > 0 [kg] and inertia > 0 [kg m^2]")
+    elif base.drag or base.drag_at != "com":
+        refuse("base", f"drag and drag_at belong to kind = 'ski'; a {base.kind!r} base takes a force at a point ([[forces]] at)")
+    elif base.friction or base.friction_on != "normal" or base.width or base.length:
+        refuse("base", f"friction, width and length belong to kind = 'ski'; remove them from {base.kind!r}")
     elif base.inertia or base.com_offset or (base.mass and base.kind == "pivot"):
         refuse("base", f"inertia and com_offset belong to kind = 'ski', mass to 'ski' and 'free'; remove them from {base.kind!r}")
     if base.kind != "ski" and not scene.links:
@@ -198,15 +202,37 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         for which, segment in (("lower", link.lower), ("upper", link.upper)):
             _check_segment(segment, f"{key}.{which}", refuse)
     for index, force in enumerate(scene.forces):
-        key = f"forces[{index}]"
-        if (force.on is None) == (force.between is None):
-            refuse(key, "give either `on` and `law` (a force) or `between` (a spring between two directions)")
-        if force.on is not None and (force.law is None or force.stiffness or force.damping or force.rest):
-            refuse(key, "a force has the keys `on` and `law` only")
-        if force.between is not None and force.law is not None:
-            refuse(key, "a spring between directions has no `law`; it has stiffness, damping and rest")
-        if force.between is not None and not (force.stiffness or force.damping):
-            refuse(key, "a spring between directions needs stiffness or damping > 0")
+        _check_force(force, f"forces[{index}]", refuse)
+    for index, spring in enumerate(scene.springs):
+        _check_spring(spring, f"springs[{index}]", refuse)
+
+
+def _check_force(force: Force, key: str, refuse: Any) -> None:
+    kinds = {"on": force.on is not None, "at": force.at is not None, "between": force.between is not None}
+    if sum(kinds.values()) != 1:
+        what = "`on` and `law` (a force by name), `at` and `force` (a force at a point)"
+        refuse(key, f"give one of {what} and `between` (a spring between two directions)")
+    if not kinds["at"] and (force.force is not None or force.frame != SURFACE):
+        refuse(key, "`force` and `frame` belong to `at`: at = 'legs.tip', force = ['10', '0', '0']")
+    if force.on is not None and (force.law is None or force.stiffness or force.damping or force.rest):
+        refuse(key, "a force has the keys `on` and `law` only")
+    if force.at is not None and (force.force is None or force.law is not None):
+        refuse(key, "a force at a point has `force`, a list of three laws [N], and no `law`")
+    if force.at is not None and (force.stiffness or force.damping or force.rest):
+        refuse(key, "a force at a point has the keys `at`, `force` and `frame` only; springs between points are [[springs]]")
+    if force.between is not None and force.law is not None:
+        refuse(key, "a spring between directions has no `law`; it has stiffness, damping and rest")
+    if force.between is not None and not (force.stiffness or force.damping):
+        refuse(key, "a spring between directions needs stiffness or damping > 0")
+
+
+def _check_spring(spring: Spring, key: str, refuse: Any) -> None:
+    if not (spring.stiffness or spring.damping):
+        refuse(key, "a spring between points needs stiffness [N/m] or damping [N s/m] > 0")
+    if spring.between[0] == spring.between[1]:
+        refuse(f"{key}.between", f"{spring.between[0]!r} is both ends; a spring needs two places")
+    if not any(isinstance(place, str) for place in spring.between):
+        refuse(f"{key}.between", "both ends are fixed; name a point of a link, such as 'legs.tip'")
 
 
 def _check_segment(segment: Segment, key: str, refuse: Any) -> None:

@@ -9,7 +9,21 @@ from typing import Any, Literal, get_origin
 
 import msgspec
 
-from vlmb.scene.tables import ALLOWED_NAME, MAX_NAME, NAME, Base, Data, Force, Link, Programme, Rod, Run, Segment, Smoothing
+from vlmb.scene.tables import (
+    ALLOWED_NAME,
+    MAX_NAME,
+    NAME,
+    Base,
+    Data,
+    Force,
+    Link,
+    Programme,
+    Rod,
+    Run,
+    Segment,
+    Smoothing,
+    Spring,
+)
 
 WORDS = {"object": "table", "array": "list", "str": "text", "int": "number", "float": "number", "bool": "true or false"}
 
@@ -74,7 +88,8 @@ def _type_at(path: str, root: type) -> Any:
     """Return the table type or field annotation at a key path such as `links[0].rod`."""
     current: Any = root
     tables = {"base": Base, "links": Link, "rod": Rod, "lower": Segment, "upper": Segment,
-              "forces": Force, "programme": Programme, "run": Run, "data": Data, "smooth": Smoothing}  # fmt: skip
+              "forces": Force, "springs": Spring, "programme": Programme, "run": Run, "data": Data,
+              "smooth": Smoothing}  # fmt: skip
     for part in filter(None, re.split(r"[.\[\]]+", re.sub(r"\[(\.\.\.|\d+)\]", "", path))):
         current = tables.get(part, part)
     return current

@@ -20,7 +20,7 @@ RESERVED = {
 }  # fmt: skip
 SHOWN, WIDTH = 6, 32  # names in a list for people, and characters of each
 COORDINATE = r"(x|y|z|phi\d+|psi\d+|xi\d+_[12])(_dot)?"
-FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_\w+"
+FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_[\w.]+"
 REACTION = "|".join((*SNOW, "friction", "impacts"))
 ENERGY = "|".join((*ENERGIES, DAMPERS))
 KINDS = {COORDINATE: "a coordinate", FORCE: "a force", REACTION: "a reaction", ENERGY: "an energy"}

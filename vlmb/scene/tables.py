@@ -13,6 +13,8 @@ NAME, MAX_NAME = r"[A-Za-z][A-Za-z0-9_]*", 64
 ALLOWED_NAME = f"a name begins with a letter and has letters, digits and _, {MAX_NAME} at most"
 Name = Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}\Z", max_length=MAX_NAME)]
 Law: TypeAlias = float | str
+Place: TypeAlias = str | tuple[float, float, float]  # a point of a link, or a fixed one [m]
+SURFACE = "surface"  # the frame of forces that is no link's
 
 BASE = "base"
 FIXED_STEP = ("euler", "rk4", "gauss")
@@ -42,6 +44,12 @@ class Base(Table, frozen=True, kw_only=True):
     mass: NonNegative = 0.0  # [kg], ski; a point mass at the first hinge of a free base
     inertia: NonNegative = 0.0  # [kg m^2], ski: vertical axis through its centre of mass
     com_offset: float = 0.0  # [m], ski: centre of mass ahead of the knife-edge point
+    drag: NonNegative = 0.0  # [kg/m], ski: the air takes drag |v| v
+    friction: NonNegative = 0.0  # ski: of Coulomb, along it
+    friction_on: Literal["normal", "resultant"] = "normal"  # what it goes by: the normal force, or with the edge force
+    width: NonNegative = 0.0  # [m], ski: 0 is not looked at
+    length: NonNegative = 0.0  # [m]
+    drag_at: str = "com"  # whose velocity v is and where it takes it: "com", or a point such as legs.tip
 
 
 class Rod(Table, frozen=True, kw_only=True):
@@ -103,14 +111,27 @@ class Link(Table, frozen=True, kw_only=True):
 
 
 class Force(Table, frozen=True, kw_only=True):
-    """A generalized force by name and law, or a spring-damper between the directions of two links."""
+    """A generalized force by name and law, a force at a point, or a spring-damper between the directions of two links."""
 
     on: str | None = None
     law: Law | None = None
+    at: str | None = None  # a point: legs.tip
+    force: tuple[Law, Law, Law] | None = None  # [N] at that point, by its components in `frame`
+    frame: str = SURFACE  # or a link's name: along it, azimuthal, elevational
     between: tuple[str, str] | None = None
     stiffness: NonNegative = 0.0  # [N m/rad]
     damping: NonNegative = 0.0  # [N m s/rad]
     rest: float = 0.0  # [rad], angle between the two directions
+
+
+class Spring(Table, frozen=True, kw_only=True):
+    """A spring-damper along the line between two points: of links, or fixed ones."""
+
+    between: tuple[Place, Place]
+    stiffness: NonNegative = 0.0  # [N/m]
+    damping: NonNegative = 0.0  # [N s/m]
+    rest: NonNegative = 0.0  # [m]
+    tension_only: bool = False  # a rope: it pulls, and never pushes
 
 
 class Programme(Table, frozen=True, kw_only=True):
@@ -188,6 +209,7 @@ class SceneTables(Table, frozen=True, kw_only=True):
     parameters: dict[Name, float] = {}
     forces: tuple[Force, ...] = ()
     data: tuple[Data, ...] = ()
+    springs: tuple[Spring, ...] = ()
     programme: Programme | None = None
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

@@ -66,7 +66,7 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
     for name, values in run.controls.items():
         yield Column(name, force_unit(name), values)
     for name, values in run.reactions.items():
-        yield Column(name, SNOW.get(name, ""), values)
+        yield Column(name, SNOW.get(name, "N" if name == "friction" else ""), values)
     for name, residual in run.residuals.items():
         if residual.position is not None:
             yield Column(f"residual:{name}", "", residual.position)

@@ -42,7 +42,8 @@ def forces_along(
     def unknown(*shape: int) -> Array:
         return np.full((count, *shape), np.nan)
 
-    found: dict[str, Any] = {"reactions": {name: unknown() for name in (*SNOW, *ideal)}}
+    snowy = (*SNOW, "friction") if workspace.friction is not None else tuple(SNOW)
+    found: dict[str, Any] = {"reactions": {name: unknown() for name in (*snowy, *ideal)}}
     found["residuals"] = {name: (unknown(), unknown()) for name in texts}
     found["powers"] = {name: unknown() for name in system.work_names}
     found["controls"] = {name: unknown() for name in system.work_names}

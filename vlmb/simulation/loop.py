@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,19 +37,19 @@ from vlmb.core.driver import (
     TIME_BEFORE,
     ZERO,
     ZERO_RATE,
-    Driver,
     Y,
     make_driver,
 )  # fmt: skip
 from vlmb.core.locate import Crossing, crossings, root
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
+from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.passage import Passage, pass_through, time_to_dependence
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import DEPENDENT, FALL, LINE_UP, SWITCH, Event
-from vlmb.system.worth import LOOKED_AT, RowState
+from vlmb.system.events import DEPENDENT, FALL, GRIP, LINE_UP, SWITCH
+from vlmb.system.worth import LOOKED_AT
 
 Array = NDArray[np.float64]
 
@@ -60,84 +60,6 @@ TOO_MANY = 40
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
 AGAIN = 0.8  # of what a row is worth: where it is looked at next
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
-
-
-class Engine(Protocol):
-    """What the loop asks of an engine."""
-
-    @property
-    def name(self) -> str:
-        """`core` or `pinocchio`."""
-        ...
-
-    @property
-    def size(self) -> int:
-        """Numbers in a state."""
-        ...
-
-    @property
-    def first_slice(self) -> int:
-        """Evaluations that take some hundredths of a second at most, however slow: the first look at signals comes then."""
-        ...
-
-    @property
-    def events(self) -> Sequence[Event]:
-        """What is looked for after every step."""
-        ...
-
-    def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
-        """Go on to the next thing that only the caller can answer."""
-        ...
-
-    def indicators(self, t: float, y: Array) -> Array:
-        """Return the indicators of all events and their rates (2, e)."""
-        ...
-
-    def in_line(self, event: Event, t: float, y: Array) -> float:
-        """Return the sine of the angle between the directions of a line-up."""
-        ...
-
-    def failure(self, driver: Driver) -> VlmbError | None:
-        """Return the first failure of an evaluation that led to the end of a run."""
-        ...
-
-    def why(self, t: float, y: Array) -> str:
-        """Add what is known of a place where a run failed."""
-        ...
-
-    def note(self, t: float, y: Array) -> None:
-        """Record what acts from outside at a state that is kept beside the samples."""
-        ...
-
-    @property
-    def dependent(self) -> int:
-        """Which event is that the ideal rows lose their independence; -1 where none is."""
-        ...
-
-    @property
-    def velocities(self) -> slice:
-        """Where the velocities stand in a state."""
-        ...
-
-    def look_at(self, worth: float) -> None:
-        """Let that event happen where a row is worth so little."""
-        ...
-
-    def evaluate(self, t: float, y: Array) -> Array:
-        """Return y' at (t, y)."""
-        ...
-
-    def rows(self, t: float, y: Array) -> RowState:
-        """Return the ideal rows at (t, y)."""
-        ...
-
-    def moved(self, t: float, y: Array, change: Array) -> Array:
-        """Return y with its positions moved as velocities would move them in a second."""
-        ...
-
-    def raised(self, error: BaseException) -> bool:
-        """Whether an error is one that the control raised."""
-        ...
 
 
 class Recorded(NamedTuple):
@@ -206,6 +128,7 @@ class Loop:
     def run(self) -> tuple[str, str]:
         """Go to the last sample; return a status and a sentence. What user code raises goes through."""
         try:
+            self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
                 sentence = self._stretch(end)
                 if sentence is not None:
@@ -324,10 +247,19 @@ class Loop:
             )
         if event.kind == DEPENDENT:
             return self._pass(until)
+        if event.kind == GRIP:
+            self._grip(until)
+            return None
         self._end_here()
         if event.kind == FALL and self.t == self.start:
             return f"{event.sentence} as it starts; raise psi, or set run.fall = false to go on"
         return event.sentence
+
+    def _grip(self, until: float) -> None:
+        """Go on with a ski that has stopped: it stands, or slides back; or with one that begins to slip."""
+        self.driver.point[self.engine.velocities.start] = 0.0
+        self.engine.settle(self.t, self.driver.point)
+        begin(self.driver, self.t, until)
 
     def _pass(self, until: float) -> str | None:
         """Go on through a posture in which ideal rows lose their independence; return a sentence where no one way is known."""

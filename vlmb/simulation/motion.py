@@ -16,6 +16,7 @@ from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures, read_along
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.frames import LinkFrames
+from vlmb.system.point_forces import energy_of_springs
 from vlmb.system.springs import spring_energy
 from vlmb.system.system import System
 
@@ -65,8 +66,11 @@ class Motion:
             memory = make_memory(plan.plant, plan.arrays.given)
             memory.near[:] = plan.spring_angles(self.branch[0])
             energies_along(plan.plant, memory, np.ascontiguousarray(self.t), np.ascontiguousarray(self.states), found)
-            return found
-        return _by_pinocchio(system, *self.pinocchio)
+        else:
+            found = _by_pinocchio(system, *self.pinocchio)
+        if system.mechanism.scene.springs:
+            found[:, 2] += energy_of_springs(system.mechanism, self.postures)
+        return found
 
 
 def _by_pinocchio(system: System, q: Array, v: Array) -> Array:

@@ -255,7 +255,7 @@ def _engines_agree(system: System, engine: CoreEngine, workspace: Workspace, sta
 def _balanced(system: System, engine: CoreEngine | PinocchioEngine, y: Array, start: Start) -> list[str]:
     """Say where a start rests in an unstable equilibrium: no answer there is better than rounding."""
     acting = system.forces.needed or system.prescribed or system.constraints is not None or system.knife_edge == "multiplier"
-    if any(start.rates.values()) or acting:
+    if any(start.rates.values()) or acting or system.mechanism.scene.base.friction:
         return []
     try:
         if np.abs(engine.evaluate(0.0, y)).max() > AT_REST or not fits(system.mechanism.model.nv):

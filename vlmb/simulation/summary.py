@@ -82,6 +82,7 @@ def summarize(trajectory: Told, programme: str) -> str:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
+    lines += [f"  WARNING          {sentence}" for sentence in _off_the_ski(trajectory)]
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
@@ -108,6 +109,23 @@ def _through_the_ground(trajectory: Told) -> list[str]:
         f"{first[1]} goes through z = 0 at t = {trajectory.t[first[0]]:.4g} s: there is no ground under a free base (run.fall = "
         "false if that is meant)"
     ]
+
+
+def _off_the_ski(trajectory: Told) -> list[str]:
+    """Say where the snow would have to push beside a ski of a given width or length, or beyond its ends."""
+    base, found = trajectory.scene.base, []
+    for size, moment, what in ((base.width, "roll_moment", "width"), (base.length, "pitch_moment", "length")):
+        if not size:
+            continue
+        normal, turning = trajectory.reactions["normal"], trajectory.reactions[moment]
+        off = np.flatnonzero(np.abs(turning) > 0.5 * size * np.maximum(normal, 0.0))
+        if off.size:
+            at = off[0]
+            found.append(
+                f"the snow would have to push {abs(turning[at] / normal[at]):.3g} m off the ski's middle at t = "
+                f"{trajectory.t[at]:.4g} s, and half its {what} is {0.5 * size:g} m: a real one tips there ({moment} / normal)"
+            )
+    return found
 
 
 def _average(values: Array) -> float:

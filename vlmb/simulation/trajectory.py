@@ -191,9 +191,11 @@ class Trajectory(Remade, Displayed):
         """Reactions (N,): multipliers of ideal constraints by name or equation, and the forces of the snow on the ski.
 
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
-        control acted from the ski. A multiplier is the force along the gradient of left side - right side.
+        control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
+        the ski, where there is any. A multiplier is the force along the gradient of left side - right side.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
+        snow += ("friction",) if self.scene.base.friction else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 

@@ -29,6 +29,7 @@ from vlmb.core.driver import (
 )
 from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
 from vlmb.core.row_arrays import PROJECTION, WORTH, WORTH_BOUND, parts, sizes_of
+from vlmb.core.sliding import ANSWER, FOUND, MODE, MU, NORMAL, SLIDES
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
@@ -39,6 +40,7 @@ from vlmb.system.core_rows import solved_programme
 from vlmb.system.diagnostics import HUGE
 from vlmb.system.events import DEPENDENT, Event
 from vlmb.system.forces import Control, ControlReader, StateView, known_rows
+from vlmb.system.friction import refuse_lift
 from vlmb.system.programme import weakness
 from vlmb.system.worth import LOOKED_AT, RowState
 
@@ -129,9 +131,19 @@ class CoreEngine:
         self.single.real[TIME], self.single.point[:] = t, y
         return int(run(self.plan.plant, self.memory, self.single, NO_BOUNDS, np.inf, wanted))
 
+    def settle(self, t: float, y: Array) -> None:
+        """Let the ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
+        if not len(self.plan.plant.sliding):
+            return
+        found = self.memory.sliding[FOUND]
+        found[MODE] = np.nan
+        self.evaluate(t, y)
+        found[MODE] = found[SLIDES]
+        refuse_lift(float(found[NORMAL]), float(found[ANSWER]), float(self.plan.plant.sliding[MU]))
+
     def in_line(self, event: Event, t: float, y: Array) -> float:
-        """Return the sine of the angle between the two directions of a spring."""
-        return self.plan.in_line(event, self.memory, y)
+        """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""
+        return self.plan.in_line(event, self.memory, t, y)
 
     def why(self, t: float, y: Array) -> str:
         """Add what the programme says about a place where a run failed; the core's codes name all else that is singular."""
@@ -179,9 +191,11 @@ class CoreEngine:
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
-        if self.dependent >= 0:
+        slides = len(self.plan.plant.sliding) > 0
+        if self.dependent >= 0 or slides:
             self._answer(EVALUATE, t, y)
-        self.single.slope[:] = 0.0
+        if not slides:
+            self.single.slope[:] = 0.0
         self._answer(LOOK, t, y)
         return np.array(self.single.indicators[VALUE : RATE + 1])
 

@@ -17,13 +17,13 @@ from vlmb.core.plant import (
     SOURCES,
     Memory,
 )  # fmt: skip
-from vlmb.core.quantities import AZIMUTH, KIND, LINK
+from vlmb.core.quantities import AZIMUTH, BETWEEN, KIND, LINK
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.core_rows import solved_programme
 from vlmb.system.programme import out_of_reach, turned_side
-from vlmb.system.readings import no_azimuth, no_direction
+from vlmb.system.readings import ends_meet, no_azimuth, no_direction
 
 
 def fault(mechanism: Mechanism, plan: CorePlan, memory: Memory, code: int) -> VlmbError:
@@ -33,9 +33,9 @@ def fault(mechanism: Mechanism, plan: CorePlan, memory: Memory, code: int) -> Vl
     if source == FROM_LAW:
         law = _law(plan, what)
         reach = mechanism.signals.reach(law)
-        return SimulationError(f"the law {law!r} of the force on {plan.acting[what]} has no finite value{reach}")
+        return SimulationError(f"the law {law!r} of the force on {plan.acting[what].name} has no finite value{reach}")
     if source == FROM_FORCE:
-        return no_direction(mechanism.names.forces[plan.acting[what]], layout)
+        return no_direction(plan.acting[what], layout)
     if source == FROM_SPRING:
         spring = plan.springs[what]
         return SingularError(
@@ -46,6 +46,8 @@ def fault(mechanism: Mechanism, plan: CorePlan, memory: Memory, code: int) -> Vl
         kind = plan.plant.quantities.kind[what // 3]
         if kind[KIND] == AZIMUTH:
             return no_azimuth(layout, plan.arrays.order[kind[LINK]])
+        if kind[KIND] == BETWEEN:
+            return ends_meet(tables.labels[what // 3])
         return SingularError(f"{tables.labels[what // 3]} has no value here: it stands at its pole")
     if source == FROM_ROWS:
         return _of_rows(mechanism, plan, memory, what)
@@ -82,7 +84,7 @@ def _of_rows(mechanism: Mechanism, plan: CorePlan, memory: Memory, what: int) ->
     kind, bits = divmod(what, rows.KIND)
     if kind == rows.NO_DIRECTION:
         first = next(k for k in range(rows.MOST + 1) if bits >> k & 1)
-        return no_direction(mechanism.names.forces[plan.controls[first]], mechanism.layout)
+        return no_direction(mechanism.names.force(plan.controls[first], "controls"), mechanism.layout)
     if kind == rows.OUT_OF_REACH:
         assert plan.programme is not None
         return out_of_reach(plan.programme, *solved_programme(plan.plant.rows, memory.rows))

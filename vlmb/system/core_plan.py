@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import opcodes as op
-from vlmb.core import places
+from vlmb.core import places, quantities
 from vlmb.core import plant as core
 from vlmb.core import springs as core_springs
 from vlmb.core.along import given_along
@@ -20,18 +20,20 @@ from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays
 from vlmb.model.mechanism import Mechanism
-from vlmb.model.names import counted
-from vlmb.model.quantities import QuantityTable, allowed_names
+from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
+from vlmb.model.quantities import QuantityTable
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
-from vlmb.scene.expressions import Equation, Expression, parse
+from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.core_rows import make_rows
-from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_UP, QUIET, SWITCH, Event
+from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_UP, QUIET, RISING, SWITCH, Event
+from vlmb.system.friction import FRICTION_EVENTS
+from vlmb.system.point_forces import lengths_of, scene_forces, singular_lengths
 from vlmb.system.prescribed import Prescribed
-from vlmb.system.programme import ProgrammePlan
+from vlmb.system.programme import ProgrammePlan, total_mass
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
@@ -41,21 +43,23 @@ Array = NDArray[np.float64]
 class CorePlan:
     """The plant of a scene; nothing in it changes. Every run has a memory of its own."""
 
+    mechanism: Mechanism
     arrays: Arrays
     plant: Plant
     table: QuantityTable
     tape: CompiledTape
     springs: tuple[DirectionSpring, ...]
     laws: tuple[tuple[str, str], ...]  # of every root: the force or length it gives, and its text
-    acting: tuple[str, ...]  # names of the forces, laws first, then inputs
+    acting: tuple[GeneralizedForce, ...]  # laws first, then inputs
     events: tuple[Event, ...]
     row_names: tuple[str, ...] = ()  # the knife edge where a multiplier holds it, ideal rows, those of the programme, secondary
     controls: tuple[str, ...] = ()  # of the programme
     programme: ProgrammePlan | None = None
 
     def __repr__(self) -> str:
+        forces = listed([force.name for force in self.acting])
         sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
-        return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {listed(self.acting) or 'none'}>"
+        return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {forces or 'none'}>"
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -85,8 +89,14 @@ class CorePlan:
                 found[k] = coordinates[layout.place("psi", spring.second)] - coordinates[layout.place("psi", spring.first)]
         return found
 
-    def in_line(self, event: Event, memory: Memory, y: Array) -> float:
-        """Return the sine of the angle between the two directions of the spring whose line-up an event is, at a core's state."""
+    def in_line(self, event: Event, memory: Memory, t: float, y: Array) -> float:
+        """Return the sine of the angle between the two directions of the spring whose line-up an event is, at a core's state.
+
+        Of a spring between points its length [m].
+        """
+        if event.which >= 0:
+            seen = self.postures(np.array([t]), np.array([y]))
+            return float(lengths_of(self.mechanism, event.which, seen)[0])
         line_ups(self.plant.springs, self.plant.tree, y, memory.lines)
         names = [spring.name for spring in self.springs]
         return float(memory.lines[names.index(event.name), 0])
@@ -123,24 +133,23 @@ def make_core_plan(
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
     works = {name: at for at, name in enumerate(work_names)}
-    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
     roots: list[Expression | Equation] = []
-    laws, forces, acting = [], [], []
-    for index, entry in enumerate(scene.forces):
-        if entry.on is not None and entry.law is not None:
-            force = mechanism.names.force(entry.on, f"forces[{index}].on")
-            if not watching:
-                forces.append((table.along(force), len(roots), works[force.name]))
-            roots.append(parse(entry.law, f"forces[{index}].law", allowed))
-            laws.append((force.name, roots[-1].text))
-            acting.append(force.name)
+    laws, forces, acting = list[tuple[str, str]](), [], list[GeneralizedForce]()
+    for force, law in scene_forces(mechanism):
+        along = table.along(force)
+        if not watching:
+            account = {STORED: core.IN_SPRING, LOST: core.IN_LOSS}
+            forces.append((along, len(roots), account[force.kind] if force.kind in account else works[force.name]))
+        roots.append(law)
+        laws.append((force.name, law.text))
+        acting.append(force)
     if inputs is not None and not arrays.layout.plane:  # a control may read any angle: no step may swing one past its branch
         for i in range(len(arrays.layout.links)):
             table.of(mechanism.names.find(f"psi{i + 1}"))
     for at, name in enumerate(inputs or ()):
         force = mechanism.names.force(name, "control")
         forces.append((table.along(force), -1 - at, works[name]))
-        acting.append(name)
+        acting.append(force)
     driven = []
     for length in prescribed:
         link, side = _owner(mechanism, length.name)
@@ -152,6 +161,9 @@ def make_core_plan(
         roots += constraints.roots
     if len(rows.table) and programme is not None and programme.free is not None:
         roots.append(programme.free.expression)
+    slides = scene.base.friction > 0.0 and not watching
+    centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
+    friction = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
     compiled = compile_tape(roots, table.resolve, table.signals.pieces)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
@@ -164,12 +176,12 @@ def make_core_plan(
         parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
-        bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1)], np.int64),
-        rows=rows,
+        bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1), centre], np.int64),
+        rows=rows, sliding=np.array(friction if centre >= 0 else ()),
     )  # fmt: skip
     names = (*(("knife_edge",) if len(rows.table) and rows.table[0, HELD] else ()), *(constraints.texts if constraints else ()))
     return CorePlan(
-        arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
+        mechanism, arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
         programme.names if programme is not None else (), programme,
     )  # fmt: skip
 
@@ -229,6 +241,13 @@ def _watched(
             first, second = (own.get(i) or mechanism.layout.links[i].name for i in (spring.first, spring.second))
             sentence = f"{spring.name}: {first} and {second} line up, where its torque has no axis to turn about"
             add(core.LINE_UP, k, 1.0, way, Event(LINE_UP, way, spring.name, sentence))
+    for index, sentence in singular_lengths(mechanism):
+        name = f"springs[{index}]"
+        at = table.place((quantities.HALF_SQUARE, *list(table.rows)[table.lengths[name]][1:]), name)
+        add(core.GROWTH, at, 1.0, 0.0, Event(LINE_UP, RISING, name, sentence, index))
+    if mechanism.scene.base.friction:
+        for form, event in zip((core.STANDS, core.SLIPS, core.LIFTS, core.YIELDS), FRICTION_EVENTS, strict=True):
+            add(form, 0, 1.0, 0.0, event)
     held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
     if len(mechanism.scene.constraints) + held:
         add(core.WORTH_OF_ROWS, 0, 1.0, 0.0, Event(DEPENDENT, FALLING, "the ideal constraints", ""))

@@ -16,12 +16,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from vlmb.core.sliding import SLIDES
+from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import LOST, STORED, GeneralizedForce
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.diagnostics import HUGE, Diagnostics
 from vlmb.system.forces import ForceWriter
 from vlmb.system.frames import LinkFrames
+from vlmb.system.friction import SkiFriction
 from vlmb.system.prescribed import Prescribed
+from vlmb.system.programme import control_channels
 from vlmb.system.springs import DirectionSpring, SegmentSprings, apply_springs
 from vlmb.system.types import Rhs
 
@@ -50,7 +55,8 @@ class Dense:
         self.applied, self.solver, self.prescribed, self.projecting = applied, solver, prescribed, projecting
         self.work_names, self.branch, self.calls, self.diagnostics = work_names, branch, calls, diagnostics
         self.damped = "dissipation" in work_names
-        self.forced = bool(direction_springs or applied.forces.needed)
+        self.friction = SkiFriction(mechanism, frames.data) if mechanism.scene.base.friction else None
+        self.forced = bool(direction_springs or applied.forces.needed or self.friction)
         self._lost = 0.0  # power in the direction dampers [W]
 
     def forces(self, t: float, y: Array, q: Array, v: Array, tau: Array) -> None:
@@ -62,6 +68,40 @@ class Dense:
             self._lost = apply_springs(self.direction_springs, self.frames, q, v, tau)
         if self.applied.forces.needed:
             self.applied.add(t, q, v, tau, self.branch)
+        if self.friction is not None:
+            tau[0] += self.friction.force
+
+    def acting(self) -> list[tuple[GeneralizedForce, float]]:
+        """Return all forces by law, by input and by the programme, with their values at the last evaluation."""
+        found = list(zip(self.applied.channels, self.applied.values.tolist(), strict=True))
+        if self.solver.programme is not None:
+            found += zip(control_channels(self.mechanism), self.solver.controls.tolist(), strict=True)
+        return found
+
+    def with_friction(self, rhs: Rhs, unpack: Callable[[float, Array], State]) -> Rhs:
+        """Return the right-hand side with the friction under the ski, from three answers of the one without it."""
+        friction, nq, nv = self.friction, self.mechanism.layout.nq, self.mechanism.layout.nv
+        if friction is None:
+            return rhs
+
+        def sliding(t: float, y: Array) -> Array:
+            state = unpack(t, y)
+
+            def answer(force: float) -> tuple[float, float, float]:
+                friction.force = force
+                vdot = np.array(rhs(t, y)[nq : nq + nv])
+                edge = float(self.solver.multipliers[0]) if friction.carves else 0.0
+                return friction.normal(state, vdot, self.acting()), edge, float(vdot[0])
+
+            friction.solve(float(state.v[0]), answer)
+            dy = rhs(t, y)
+            if friction.found[SLIDES] == 0.0:
+                dy[nq] = 0.0
+            if self.damped:
+                dy[-1] -= friction.force * float(state.v[0])
+            return dy
+
+        return sliding
 
     def project(self, q: Array, v: Array) -> None:
         """Subtract M^-1 e_y v_y / (M^-1)_yy: the velocity nearest in kinetic energy that obeys the knife edge."""
@@ -147,7 +187,8 @@ class Dense:
     def _powers(self) -> Callable[[Array, Array, Array, Array, Array, Array], None]:
         """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""
         names, start, applied = self.work_names, self.mechanism.layout.nq + self.mechanism.layout.nv, self.applied
-        slots = [start + names.index(channel.name) for channel in applied.channels]
+        account = {STORED: -1, LOST: -2}
+        slots = [account[c.kind] if c.kind in account else start + names.index(c.name) for c in applied.channels]
         solver, springs = self.solver, self.springs
         controlled = solver.n_controls + len(solver.working)  # their work states come first
         driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
@@ -156,13 +197,17 @@ class Dense:
             dy[start:] = 0.0
             if controlled:
                 dy[start : start + controlled] = solver.powers(v)
+            lost = 0.0
             if slots:
-                for slot, value, rate in zip(slots, applied.values, applied.columns.dot(v), strict=True):
-                    dy[slot] += value * rate
+                for slot, value, rate in zip(slots, applied.values.tolist(), applied.columns.dot(v).tolist(), strict=True):
+                    if slot >= 0:
+                        dy[slot] += value * rate
+                    elif slot == account[LOST]:
+                        lost -= value * rate
             for row, (slot, at) in enumerate(driven):
                 dy[slot] = (rows[row].dot(vdot) + missing[at]) * v[at]
             if self.damped:
-                dy[-1] = springs.dissipation(y) + self._lost
+                dy[-1] = springs.dissipation(y) + self._lost + lost
 
         return powers
 

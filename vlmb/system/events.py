@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET = range(6)  # kinds of events; QUIET never happens
+LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP = range(7)  # kinds of events; QUIET never happens; GRIP: a ski stops, slips
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 
 
@@ -15,6 +15,7 @@ class Event(NamedTuple):
     direction: float
     name: str
     sentence: str
+    which: int = -1  # of a line-up: the spring between points whose ends meet
 
     @property
     def ends(self) -> bool:

@@ -25,11 +25,11 @@ from vlmb.model.laws import tape_breaks
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import DOT, GeneralizedForce
-from vlmb.model.quantities import allowed_names
 from vlmb.model.reading import Postures, read_along
-from vlmb.scene.expressions import Expression, parse
+from vlmb.scene.expressions import Expression
 from vlmb.system import interrupts
 from vlmb.system.frames import LinkFrames
+from vlmb.system.point_forces import is_named, scene_forces
 from vlmb.system.readings import Readings, make_readings, no_direction
 
 Array = NDArray[np.float64]
@@ -154,24 +154,28 @@ class AppliedForces:
         """Whether there is any; a control may give none at first and be refused later."""
         return bool(self.channels) or self.inputs is not None
 
+    @property
+    def named(self) -> tuple[GeneralizedForce, ...]:
+        """Those that are results, by their names; springs between points and drag are in the account of energy alone."""
+        return tuple(filter(is_named, self.channels))
+
+    @property
+    def written(self) -> tuple[Expression, ...]:
+        """The laws that the scene has as text."""
+        return tuple(law for law, force in zip(self.laws, self.channels, strict=False) if is_named(force))
+
     def breaks(self, start: float, end: float) -> tuple[float, ...]:
         """Return the times in (start, end) where a law switches in time. Raises SceneError for too many."""
         if self.readings is None:
             return ()
-        texts = ", ".join(law.text for law in self.laws)
+        texts = ", ".join(law.text for law in self.written)
         return tape_breaks(self.readings.compiled, self.readings.parameters, start, end, texts)
 
 
 def applied_forces(mechanism: Mechanism, inputs: Sequence[str] | None) -> AppliedForces:
     """Collect a scene's forces and the named inputs. Raises SceneError for a force that cannot exist."""
-    scene = mechanism.scene
-    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
-    found: list[GeneralizedForce] = []
-    laws: list[Expression] = []
-    for index, force in enumerate(scene.forces):
-        if force.on is not None and force.law is not None:
-            found.append(mechanism.names.force(force.on, f"forces[{index}].on"))
-            laws.append(parse(force.law, f"forces[{index}].law", allowed))
+    acting = scene_forces(mechanism)
+    found, laws = [entry.force for entry in acting], [entry.law for entry in acting]
     found += [mechanism.names.force(name, "control") for name in inputs or ()]
     readings = make_readings(mechanism, laws, found) if found else None
     return AppliedForces(tuple(found), tuple(laws), None if inputs is None else tuple(inputs), readings)

@@ -66,6 +66,7 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
     found: list[Expression | Equation] = [
         parse(force.law, f"forces[{k}].law") for k, force in enumerate(scene.forces) if force.law is not None
     ]
+    found += [parse(law, "force") for force in scene.forces for law in force.force or ()]
     lengths = [segment for link in scene.links for segment in (link.lower, link.upper)]
     found += [parse(segment.law, "law") for segment in lengths if segment.law is not None]
     if scene.programme is not None and scene.programme.u0 is not None:

@@ -30,8 +30,9 @@ from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.core_reading import CoreReading
-from vlmb.system.events import DEPENDENT, LIMIT, QUIET, Event
+from vlmb.system.events import DEPENDENT, GRIP, LIMIT, QUIET, Event
 from vlmb.system.forces import Control, known_rows
+from vlmb.system.friction import FRICTION_EVENTS, indicators_of
 from vlmb.system.system import System
 from vlmb.system.worth import LOOKED_AT, RowState, approach
 
@@ -55,7 +56,7 @@ class PinocchioEngine:
         watch = self.watch
         self.workspace, self.start = system.workspace(control, branch), list(branch)
         self.memory = make_memory(watch.plant, watch.arrays.given)
-        kinds = {event.kind for event in watch.events} - {QUIET, DEPENDENT}
+        kinds = {event.kind for event in watch.events} - {QUIET, DEPENDENT, GRIP}
         self.reading = CoreReading(watch.arrays, self.workspace.frames, kinds != {LIMIT}) if kinds else None
         self.still = np.zeros(watch.positions + watch.velocities)
         self.size = self.workspace.size
@@ -65,6 +66,8 @@ class PinocchioEngine:
         self.branches: list[list[float]] = []
         self.room = np.inf
         self.dependent = next((k for k, event in enumerate(watch.events) if event.kind == DEPENDENT), -1)
+        at = next((k for k, event in enumerate(self.watch.events) if event.kind == GRIP), None)
+        self.sliding = slice(0, 0) if at is None else slice(at, at + len(FRICTION_EVENTS))
         self.bound = LOOKED_AT[0]
         self.worth, self.looked = 0.0, 0.0  # of the ideal rows at the last accepted step, and its time
 
@@ -99,6 +102,7 @@ class PinocchioEngine:
                 self._look(INDICATE, t, y, bounds, h_max)
                 real[H_MAX] = min(self.seen.real[H_MAX], max(self.room, CLOSEST))
                 driver.indicators[VALUE : RATE + 1] = self.seen.indicators[VALUE : RATE + 1]
+                self._look_at_ski(t, y, driver.indicators)
                 if self.dependent >= 0:
                     real[H_MAX] = min(float(real[H_MAX]), self._note_worth(t, driver.indicators))
             else:
@@ -116,6 +120,10 @@ class PinocchioEngine:
         """Return the indicators of all events and their rates (2, e)."""
         self._look(LOOK, t, y, NO_BOUNDS, np.inf)
         found = np.array(self.seen.indicators[VALUE : RATE + 1])
+        if self.sliding.stop:
+            both = np.array(self.seen.indicators)
+            self._look_at_ski(t, y, both)
+            found = np.array(both[VALUE : RATE + 1])
         if self.dependent >= 0:
             self.workspace.rhs(t, y)
             found[:, self.dependent] = self.workspace.solver.worth - self.bound, 0.0
@@ -165,9 +173,24 @@ class PinocchioEngine:
         self.seen.real[TIME], self.seen.point[:] = t, self._core_state(y)
         run(self.watch.plant, self.memory, self.seen, bounds, h_max, wanted)
 
+    def settle(self, t: float, y: Array) -> None:
+        """Let the ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
+        friction = self.workspace.friction
+        if friction is not None:
+            friction.forget()
+            self.workspace.rhs(t, y)
+            friction.settle()
+
+    def _look_at_ski(self, t: float, y: Array, indicators: Array) -> None:
+        """Write the indicators of friction under the ski at (t, y) into rows VALUE and RATE of `indicators`."""
+        friction, at = self.workspace.friction, self.workspace.nq
+        if friction is not None:
+            rate = float(self.workspace.rhs(t, y)[at])
+            indicators[VALUE : RATE + 1, self.sliding] = indicators_of(friction.found, friction.mu, y.item(at), rate)
+
     def in_line(self, event: Event, t: float, y: Array) -> float:
-        """Return the sine of the angle between the two directions of a spring."""
-        return self.watch.in_line(event, self.memory, self._core_state(y))
+        """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""
+        return self.watch.in_line(event, self.memory, t, self._core_state(y))
 
     def failure(self, driver: Driver) -> VlmbError | None:
         """Return the first failure of an evaluation that led to the end of a run; None where there was none."""

@@ -276,6 +276,12 @@ def total_length(mechanism: Mechanism) -> float:
     return max(lengths)
 
 
+def total_mass(mechanism: Mechanism) -> float:
+    """Mass [kg] of all."""
+    scene = mechanism.scene
+    return scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links)
+
+
 def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> Array:
     """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments)."""
     scene = mechanism.scene
@@ -284,8 +290,7 @@ def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> A
     for name in weights:
         if name not in names:
             raise SceneError(f"programme.weights.{name}: not one of the controls; {nearest(name, names)}")
-    mass = scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links)
-    force = mass * (scene.gravity or 9.81)
+    force = total_mass(mechanism) * (scene.gravity or 9.81)
     moment = force * (total_length(mechanism) or 1.0)
     scales = [weights[c.name] ** -0.5 if c.name in weights else (moment if c.unit == "N m" else force) for c in given]
     return np.array(scales)

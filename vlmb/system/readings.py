@@ -65,6 +65,8 @@ class Readings:
             kind, row = table[k][:2]
             if kind == core.AZIMUTH and self._flat(buffers, row) < POLE:
                 return no_azimuth(self.layout, self.arrays.order[row])
+            if kind == core.BETWEEN and not np.isfinite(buffers[int(self.integers[2 * packed.MEASURED]) + 3 * k + 1]):
+                return ends_meet(self.table.labels[k])
         return None
 
     def _flat(self, buffers: Array, row: int) -> float:
@@ -76,13 +78,23 @@ def no_azimuth(layout: Layout, i: int) -> SingularError:
     """Make the error of an equation that reads an azimuth at the pole."""
     name = layout.links[i].name
     return SingularError(
-        f"phi{i + 1} is used by an equation or a control while link {name!r} stands at the pole (|cos psi| < {POLE:g}), "
+        f"phi{i + 1} is used by an equation, a force or a control while link {name!r} stands at the pole (|cos psi| < {POLE:g}), "
         f"where it has no azimuth; write the equation with {name}.direction.x and .y, and use a hinge torque T_{name}"
+    )
+
+
+def ends_meet(name: str) -> SingularError:
+    """Make the error of a spring between points without a length."""
+    return SingularError(
+        f"{name}: its two ends meet, where a spring with a rest length or a damper has no direction; start elsewhere, or take "
+        "rest = 0 without damping"
     )
 
 
 def no_direction(force: GeneralizedForce, layout: Layout) -> SingularError:
     """Make the error of a force that has no direction: M_phi at its pole, a hinge torque between directions in line."""
+    if force.ends:
+        return ends_meet(force.name)
     if force.kind == "hinge":
         return SingularError(
             f"T_{layout.links[force.link].name}: the link and its parent line up, where this hinge torque has no axis; "
@@ -102,8 +114,8 @@ def make_readings(
     scene, layout = mechanism.scene, mechanism.layout
     arrays = make_arrays(scene, layout, sliding=True, driven=True)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
+    along = [table.along(force) for force in forces]  # first: laws of springs name what they act along
     compiled = compile_tape(roots, table.resolve, table.signals.pieces)
-    along = [table.along(force) for force in forces]
     parameters = parameter_values(scene.parameters)
     quantities, count = table.made(), len(table.rows)
     links, velocities = len(layout.links), arrays.velocities

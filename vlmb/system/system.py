@@ -18,6 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.model.laws import law_breaks
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import LOST
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Run, Segment
@@ -29,7 +30,9 @@ from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import Diagnostics
 from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames
+from vlmb.system.friction import SkiFriction
 from vlmb.system.gains import require_decay
+from vlmb.system.point_forces import is_named, outer_forces
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
@@ -71,7 +74,7 @@ class System:
     def __repr__(self) -> str:
         parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
         for what, names in (
-            ("forces", [channel.name for channel in self.forces.channels]),
+            ("forces", [channel.name for channel in self.forces.named]),
             ("prescribed", [at.name for at in self.prescribed]),
             ("rows", [row.name for row in (*rows_of(self.mechanism.scene).ideal, *rows_of(self.mechanism.scene).servo)]),
             ("controls", list(self.programme.names if self.programme else ())),
@@ -112,8 +115,9 @@ class System:
         """Names of the work states: forces, ideal rows that work, and "dissipation"."""
         names = [*(self.programme.names if self.programme else ())]
         names += [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
-        names += [channel.name for channel in self.forces.channels] + [at.force for at in self.prescribed]
+        names += [channel.name for channel in self.forces.named] + [at.force for at in self.prescribed]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
+        dampers += [float(channel.kind == LOST) for channel in self.forces.channels] + [self.mechanism.scene.base.friction]
         return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
 
     @property
@@ -160,7 +164,7 @@ class System:
         """Links whose azimuth or elevation an equation or a law names."""
         rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
         names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters, *self.mechanism.signals}
-        read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.laws)) for name in group - own]
+        read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.written)) for name in group - own]
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 
     def breaks(self, start: float, end: float) -> set[float]:
@@ -191,6 +195,11 @@ def make_system(
     run = msgspec.structs.replace(scene.run if run is None else run, **options)
     if run.knife_edge not in KNIFE_EDGES:
         raise SceneError(f"knife_edge = {run.knife_edge!r}: no such knife_edge; {nearest(run.knife_edge, KNIFE_EDGES)}")
+    if scene.base.friction_on == "resultant" and run.knife_edge == "reduction":
+        raise SceneError(
+            'base.friction_on = "resultant": it goes by the edge force, which the knife edge as a reduction leaves out; set '
+            'run.knife_edge = "multiplier"'
+        )
     springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
     forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
     held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
@@ -228,7 +237,7 @@ class Workspace:
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
             self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
         )  # fmt: skip
-        self.rhs: Rhs = self._dense.rhs()
+        self.rhs: Rhs = self._dense.with_friction(self._dense.rhs(), self.unpack)
 
     @property
     def evaluations(self) -> int:
@@ -273,6 +282,11 @@ class Workspace:
         self.branch = found
         return found, time
 
+    @property
+    def friction(self) -> SkiFriction | None:
+        """Friction under the ski; None without."""
+        return self._dense.friction
+
     def inputs(self, t: float, state: State) -> Array:
         """Ask the control, once, for the forces (S,) that it gives at a state."""
         asked = self.applied.reader is not None and self.applied.inputs
@@ -290,7 +304,7 @@ class Workspace:
             self.branch = branch
         if inputs is not None:
             self.applied.held = list(inputs)
-        system, solver, applied = self.system, self.solver, self.applied
+        system, solver = self.system, self.solver
         rates = self.rhs(t, y)
         vdot = np.array(rates[self.nq : self.nq + self.nv])
         powers = dict(zip(self.work_names, rates[self.nq + self.nv :].tolist(), strict=True))
@@ -299,24 +313,29 @@ class Workspace:
         tau = np.zeros(self.nv)
         self._dense.forces(t, np.concatenate([q, v, y[self.nq + self.nv :]]), q, v, tau)
         controls: dict[str, float] = {}
-        for channel, value in zip(applied.channels, applied.values.tolist(), strict=True):
-            controls[channel.name] = controls.get(channel.name, 0.0) + value
+        acting = self._dense.acting()
+        for channel, value in acting:
+            if is_named(channel):
+                controls[channel.name] = controls.get(channel.name, 0.0) + value
         residuals, reactions = {}, {}
         ideal = np.zeros(self.nv)
+        if self._dense.friction is not None:
+            reactions["friction"] = self._dense.friction.force
         if system.constraints is not None:
             values = system.constraints.evaluate(self.frames, t, q, v, self._branch)
             texts, pairs = [row.text for row in system.info], zip(values.z.tolist(), values.rate.tolist(), strict=True)
             residuals = dict(zip(texts, pairs, strict=False))
             multipliers = solver.multipliers[solver.held :]
             shares = [self._per_angle(row) for row in system.info[: solver.ideal]]
-            reactions = dict(zip(texts, (multipliers * shares).tolist(), strict=False))
+            reactions |= dict(zip(texts, (multipliers * shares).tolist(), strict=False))
             ideal = multipliers @ values.jacobian[: solver.ideal]
         if solver.programme is not None:
             tau += solver.forces()
-            for name, value in zip(solver.programme.names, solver.controls.tolist(), strict=True):
-                controls[name] = controls.get(name, 0.0) + value
         missing = pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot) - tau - ideal
         controls |= {at.force: float(missing[at.v]) for at in system.prescribed}
+        if any(channel.kind == "point" or not is_named(channel) for channel, _ in acting):  # these come through no hinge
+            outer = outer_forces(self.mechanism, self.mechanism.postures((q, v)), self.frames.data, acting)
+            pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot, outer)
         edge = float(missing[SIDEWAYS]) if self.layout.base == "ski" else None
         return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers)
 
