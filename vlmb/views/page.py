@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from vlmb.errors import VlmbError
 from vlmb.views import shapes
-from vlmb.views.appearance import FLOOR, FLOOR_LINES, SNOW, SNOW_LINES
+from vlmb.views.appearance import DARK, FLOOR, FLOOR_LINES, LIGHT, SNOW, SNOW_LINES, Theme
 from vlmb.views.shapes import Lines, Mesh
 from vlmb.views.visual_model import VIEW_FROM, Body, Scenery
 
@@ -71,16 +71,27 @@ def commands(scenery: Scenery) -> list[dict[str, Any]]:
 
 
 def _info(scenery: Scenery, speed: float, start: float) -> dict[str, Any]:
-    distance = 2.6 * scenery.radius
-    view = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM) * distance
+    view = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM)
     up = scenery.turn @ np.array([0.0, 0.0, 1.0])
+    duration = float(scenery.t[-1] - scenery.t[0])
     return {
-        "duration": float(scenery.t[-1] - scenery.t[0]), "begin": float(scenery.t[0]), "frames": len(scenery.t),
-        "speed": speed, "start": start, "view": view.tolist(), "normal": up.tolist(), "ground": scenery.ground.height,
-        "radius": scenery.radius, "reach": scenery.ground.half,
+        "duration": duration, "whole": duration, "begin": float(scenery.t[0]), "frames": len(scenery.t), "live": False,
+        "speed": speed, "start": start, "view": view.tolist(), "distance": 2.6 * scenery.radius, "normal": up.tolist(),
+        "ground": scenery.ground.height, "radius": scenery.radius, "reach": scenery.ground.half,
+        "leads": "ski" if any(body.path == "ski" for body in scenery.bodies) else "ground",
         "grows": [[body.path, min(body.keeps, 1e9)] for body in scenery.bodies if body.grows],
         "shadows": [body.path for body in scenery.bodies if body.shadow and body.shape is not None],
+        "themes": {name: _theme(scenery, theme) for name, theme in (("light", LIGHT), ("dark", DARK))},
     }  # fmt: skip
+
+
+def _theme(scenery: Scenery, theme: Theme) -> dict[str, Any]:
+    """Colours of the surroundings, by day or by night; a body keeps its own unless the night would hide it."""
+    plane, lines = (theme.snow, theme.snow_lines) if scenery.ground.snow else (theme.floor, theme.floor_lines)
+    colours = {"ground": plane, "ground/lines": lines}
+    colours |= {body.path: theme.changed.get(body.colour, body.colour) for body in scenery.bodies if body.colour in DARK.changed}
+    sky, haze = ([int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (theme.sky, theme.haze))
+    return {"sky": sky, "haze": haze, "shadow": theme.shadow, "sun": theme.sun, "ambient": theme.ambient, "colours": colours}
 
 
 def _tracks(body: Body, t: Array) -> list[dict[str, Any]]:
