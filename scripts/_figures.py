@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import vlmb
-from vlmb.views.plots import DPI, save_all
+from vlmb.views.plots import save_all
 from vlmb.views.programme_plots import convergence
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -86,7 +86,7 @@ def main() -> int:
     both = {f"step {step:g} s, {word}": runs[step] for runs, word in ((euler, "stabilized"), (free, "not")) for step in two}
     draw("stabilization", both)
     draw("methods", {"Euler, 0.002 s": euler[0.002], "RK4, 0.04 s": rk4[0.04], f"Adams, rtol {ADAMS:g}": adams})
-    from vlmb.views.style import style
+    from vlmb.views.style import style, write
 
     for text in texts:
         curves = {
@@ -96,8 +96,7 @@ def main() -> int:
         path = folder / f"floor_{numbers[text].strip('()').replace('.', '_')}.png"
         figure = convergence(curves, f"Largest deviation after {SETTLED:g} s from {text}", "largest deviation")
         with style():
-            figure.savefig(path, dpi=DPI)
-        written.append(path)
+            written.append(write(figure, path))
         for name, (steps, errors) in curves.items():
             slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
             values = ", ".join(f"{error:.1e}" for error in errors)

@@ -94,7 +94,7 @@ def crowns(person: Person, mechanism: Mechanism, seen: Postures) -> list[Array]:
     for i, look in person.looks.items():
         last = not any(layout.links[k].parent == i and person.looks[k].part in ("trunk", "neck", "head") for k in person.looks)
         if last and look.part in ("legs", "trunk", "head"):
-            above = 0.13 if look.part == "head" or mechanism.scene.links[i].tip_mass and look.part == "trunk" else 0.47
+            above = 0.13 if look.part == "head" or (mechanism.scene.links[i].tip_mass and look.part == "trunk") else 0.47
             found.append(seen.position(i, "tip") + above * person.scale * seen.directions[:, i])
     return found
 
