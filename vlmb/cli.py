@@ -256,6 +256,11 @@ def _view_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and films")
     parser.add_argument("--fps", type=float, help="frames a second (default: page 60, frames and MP4 30, GIF 20)")
     parser.add_argument("--speed", type=float, default=1.0, help="times real time (default: 1)")
+    parser.add_argument("--azimuth", type=float, metavar="DEG", help="of the camera of pictures and films, from the fall line")
+    parser.add_argument("--elevation", type=float, metavar="DEG", help="of the camera above the surface")
+    parser.add_argument("--zoom", type=float, default=1.0, help="of the camera's lens (default: 1)")
+    parser.add_argument("--side", action="store_true", help="the camera on the right of the way")
+    parser.add_argument("--follow", action=argparse.BooleanOptionalAction, help="the camera goes along (default: in films)")
     parser.add_argument("--arrows", action="store_true", help="draw gravity and the edge force")
     parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
     parser.add_argument("--port", type=int, default=0, help="of the page on this machine (default: any free one)")
@@ -274,6 +279,7 @@ def _view(args: argparse.Namespace) -> int:
         return of_trajectory(what, fps, args.arrows) if isinstance(what, Trajectory) else view.posture(what, None, args.arrows)
 
     size: dict[str, Any] = {"size": tuple(args.size)} if args.size else {}
+    size["shot"] = view.Shot(args.azimuth, args.elevation, args.zoom, args.follow, args.side).checked()
     written: list[Path] = []
     if args.png:
         view.picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size).save(args.png)

@@ -33,7 +33,8 @@ from vlmb.views.notebook import card
 from vlmb.views.page import page
 from vlmb.views.reference_path import course, solved
 from vlmb.views.shapes import Mesh
-from vlmb.views.view import View, export_html, has_display, picture, show
+from vlmb.views.stills import movie
+from vlmb.views.view import Shot, View, export_html, has_display, picture, show
 from vlmb.views.visual_model import Scenery, of_state, of_trajectory
 
 umsgpack = pytest.importorskip("umsgpack", reason="meshcat is not installed")
@@ -588,6 +589,48 @@ def test_a_still_of_a_long_chain_and_of_a_lone_ski() -> None:
         assert np.asarray(picture(build(Scene.from_dict(scene)), size=(160, 100))).std() > 3.0
 
 
+def far_from_the_snow(shown: Any) -> np.ndarray[Any, Any]:
+    """Rows and columns of strongly coloured pixels: what is neither snow nor sky nor pale."""
+    values = np.asarray(shown, dtype=int)
+    return np.argwhere(values.max(axis=2) - values.min(axis=2) > 110)
+
+
+def test_the_camera_of_pictures_stands_where_it_is_told(skier: Trajectory) -> None:
+    def width_of(shot: Shot) -> tuple[float, float]:
+        found = far_from_the_snow(picture(skier, 0.3, size=(320, 200), shot=shot))
+        return float(np.ptp(found[:, 1])), float(np.ptp(found[:, 0]))
+
+    heading = float(np.degrees(at(skier, "phi0", 0.3)))
+    side, front = width_of(Shot(side=True, follow=True)), width_of(Shot(azimuth=heading, elevation=8.0, follow=True))
+    assert side[0] > 1.5 * front[0]  # the ski is seen along its whole length from the side alone
+    np.testing.assert_allclose(width_of(Shot(azimuth=heading - 90.0, elevation=8.0, follow=True)), side, atol=2.0)
+    near, far = (width_of(Shot(side=True, follow=True, zoom=zoom)) for zoom in (0.8, 0.4))
+    assert near[0] == pytest.approx(2.0 * far[0], rel=0.05)
+    refused = {Shot(zoom=0.0): "zoom 0", Shot(elevation=-5.0): "elevation -5 deg", Shot(azimuth=1e3): "azimuth 1000"}
+    for wrong, what in refused.items():
+        with pytest.raises(vlmb.VlmbError, match=what):
+            picture(skier, shot=wrong)
+
+
+def test_earlier_postures_fill_the_picture() -> None:
+    run = simulate(MODELS / "skier_one_link.toml")
+    shown = np.asarray(picture(run, size=(480, 300), ghosts=4), dtype=int)
+    found = far_from_the_snow(shown)
+    assert np.ptp(found[:, 0]) > 0.3 * 300  # the last posture alone is that high
+    red = np.argwhere(shown[..., 0] - shown[..., 2] > 25)
+    assert np.ptp(red[:, 1]) > 0.7 * 480
+
+
+def test_a_film_from_where_it_is_told(skier: Trajectory) -> None:
+    made = of_trajectory(skier, fps=10.0)
+    follows_, stands = (list(movie(made, (160, 100), 10.0, shot=Shot(follow=follow))) for follow in (True, False))
+    moved = []
+    for pictures in (follows_, stands):
+        places = [far_from_the_snow(shown).mean(axis=0) for shown in pictures]
+        moved.append(np.ptp([place[1] for place in places]))
+    assert len(follows_) == len(stands) == 5 and moved[1] > 2.0 * moved[0]
+
+
 # the command and the server ----------------------------------------------------------------------------------------
 
 
@@ -618,6 +661,12 @@ def test_the_command_writes_files(skier: Trajectory, tmp_path: Path, capsys: pyt
     assert command(stored, "--frames", str(tmp_path / "film"), "--size", "120", "80", "--fps", "10") == 0
     assert [path.name for path in sorted((tmp_path / "film").iterdir())] == [f"frame_{k:05d}.png" for k in range(5)]
     assert command(str(MODELS / "skier_one_link.toml"), "--png", names["png"], "--size", "160", "100") == 0
+    with Image.open(names["png"]) as still:
+        usual = np.asarray(still, dtype=int)
+    camera = ["--azimuth", "20", "--elevation", "50", "--zoom", "0.7", "--follow"]
+    assert command(str(MODELS / "skier_one_link.toml"), "--png", names["png"], "--size", "160", "100", *camera) == 0
+    with Image.open(names["png"]) as still:
+        assert np.abs(np.asarray(still, dtype=int) - usual).max() > 50
 
 
 def test_the_command_explains_what_is_wrong(tmp_path: Path, skier: Trajectory) -> None:
@@ -630,6 +679,8 @@ def test_the_command_explains_what_is_wrong(tmp_path: Path, skier: Trajectory) -
         command(str(tmp_path / "nothing.toml"))
     with pytest.raises(vlmb.VlmbError, match="--speed 0: must be positive"):
         command(str(tmp_path / "run.npz"), "--speed", "0")
+    with pytest.raises(vlmb.VlmbError, match="elevation -3 deg: must be above 0"):
+        command(str(tmp_path / "run.npz"), "--elevation", "-3", "--png", str(tmp_path / "out.png"))
     with pytest.raises(vlmb.VlmbError, match=r"a scene shows its start; --time and --ghosts need a stored run"):
         command(str(MODELS / "one_link.toml"), "--png", str(tmp_path / "out.png"), "--time", "1")
 

@@ -19,11 +19,13 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import page
-from vlmb.views.stills import still
+from vlmb.views.stills import Shot, still
 from vlmb.views.visual_model import Scenery, of_state, of_trajectory
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+__all__ = ["FPS", "Shot", "View", "export_html", "picture", "play", "posture", "serve", "show"]
 
 FPS = 60.0
 WITHOUT = "write a file with export_html (--html), a picture with --png, or serve only with --no-browser"
@@ -120,12 +122,16 @@ def export_html(
 def picture(
     what: Trajectory | Mechanism, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
     arrows: bool = False, programme: Any = None, since: float | None = None, view_from: tuple[float, float, float] | None = None,
+    shot: Shot | None = None,
 ) -> Image:  # fmt: skip
-    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture. No screen."""
+    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture. No screen.
+
+    `shot=vlmb.view.Shot(azimuth=-60, elevation=15, zoom=1.5)` [deg], `Shot(side=True)`, `Shot(follow=True)` place the camera.
+    """
     made = of_trajectory(what, FPS, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
     if isinstance(what, Trajectory) and time is not None and not what.t[0] <= time <= what.t[-1]:
         raise VlmbError(f"time {time:g} s: the motion lasts from {what.t[0]:g} to {what.t[-1]:g} s")
-    return still(made, time, size, ghosts, since, view_from)
+    return still(made, time, size, ghosts, since, view_from, shot)
 
 
 def posture(mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: bool = False) -> Scenery:
