@@ -31,6 +31,7 @@ from vlmb.studies.work_precision import measure
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 from vlmb.views import view, work_precision_plots
+from vlmb.views.live import Live
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames
 from vlmb.views.visual_model import Scenery, of_trajectory
@@ -83,7 +84,7 @@ def make_parser() -> argparse.ArgumentParser:
     run.add_argument("--engine", choices=("auto", "core", "pinocchio"), help="what evaluates the motion (default: auto)")
     run.add_argument("--max-step", type=float, metavar="S", help="[s] longest step of adaptive methods")
     run.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
-    run.add_argument("--view", action="store_true", help="play the run in the browser when it is done")
+    run.add_argument("--view", action="store_true", help="show the motion in the browser while it is computed")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     info = command("info", "print degrees of freedom, joints, and what was left out and why", _info)
     info.add_argument("scene", help="scene file (.toml)")
@@ -119,6 +120,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.view:
         view.need_display()
     folder = args.output or Path("results") / path.stem
+    watched = Live(scene, changes, t0, browser=True) if args.view else None
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
@@ -128,6 +130,8 @@ def _run(args: argparse.Namespace) -> int:
             args.quiet,
         )
     except BaseException:
+        if watched:
+            watched.close()
         for part in made:
             part.rmdir()
         raise
@@ -140,8 +144,8 @@ def _run(args: argparse.Namespace) -> int:
             except VlmbError as error:
                 print(f"no {what}: {error}", file=sys.stderr)
     print("wrote " + ", ".join(str(file) for file in written))
-    if args.view:
-        view.keep(view.play(trajectory, browser=True))
+    if watched:
+        view.keep(watched.finish(trajectory))
     return 0 if trajectory.status in ("finished", "stopped") and not trajectory.doubts else 1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import io
+import json
 import re
 import socket
 import subprocess
@@ -29,6 +30,7 @@ from vlmb.scene.expressions import parse_equation
 from vlmb.views import appearance, shapes
 from vlmb.views import view as view_module
 from vlmb.views.canvas import Camera, Canvas
+from vlmb.views.live import Live
 from vlmb.views.notebook import card
 from vlmb.views.page import page
 from vlmb.views.reference_path import course, solved
@@ -707,22 +709,86 @@ def test_run_looks_for_a_display_before_it_runs(
     assert not (tmp_path / "results").exists()
 
 
-def test_run_plays_what_it_computed(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_shows_the_motion_while_and_after_it_is_computed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    opened: list[str] = []
+    seen: dict[str, str] = {}
+
+    def fetch(url: str) -> str:
+        with urllib.request.urlopen(url, timeout=20) as answer:
+            return str(answer.read().decode())
 
     def look(url: str) -> bool:
-        with urllib.request.urlopen(url, timeout=20) as answer:
-            opened.append(answer.read().decode())
+        seen["first"] = fetch(url)
         return True
+
+    def wait(view: View) -> None:
+        seen["last"], seen["more"] = fetch(view.url), fetch(view.url + "more?have=0")
+        view.close()
 
     monkeypatch.setattr(view_module, "has_display", lambda: True)
     monkeypatch.setattr("webbrowser.open", look)
-    monkeypatch.setattr(View, "wait", View.close)  # at once, as by Ctrl-C
+    monkeypatch.setattr(View, "wait", wait)
     words = ["run", str(MODELS / "one_link.toml"), "--view", "--quiet", "--no-plots", "--duration", "0.5", "-o", "out"]
     assert main(words) == 0
     assert "(Ctrl-C ends)" in capsys.readouterr().out
-    assert {".quaternion", ".position", ".scale"} == {kind for _, kind in tracks_of(opened[0])}
+    assert '"live": true' in seen["first"] and tracks_of(seen["first"]) == {}  # opened before the run
+    assert {".quaternion", ".position", ".scale"} == {kind for _, kind in tracks_of(seen["last"])}
+    more = json.loads(seen["more"])
+    assert more["info"]["live"] is False and more["info"]["duration"] == pytest.approx(0.5) and more["commands"]
+
+
+def until(condition: Any, seconds: float = 30.0) -> Any:
+    """Wait for something that is true; return it."""
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return found
+
+
+def test_a_page_plays_a_motion_that_is_being_computed_at_real_time(
+    browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vlmb.views.live.AHEAD", 0.5)
+    scene = load_scene(MODELS / "skier_one_link.toml")
+    live = Live(scene, browser=False)
+    try:
+        browser.open(live.view.url)
+        assert browser.run("[info.live, info.whole, bar('motion').hidden]") == [True, 5.0, False]
+        until(lambda: browser.run("time > 0.1"))
+        begun, shown = time.monotonic(), browser.run("time")
+        time.sleep(1.5)
+        passed, advanced = time.monotonic() - begun, browser.run("time") - shown
+        assert advanced == pytest.approx(passed, rel=0.35)  # at real time
+        known = browser.run("info.duration")
+        assert shown < known < 5.0  # the rest is not computed yet
+        assert re.search(r"computed to \d", browser.run("bar('note').textContent"))
+        run = simulate(scene)
+        for path, coordinate in {"legs/lower": "xi1_1", "legs/rod/upper": "xi1_2"}.items():
+            browser.run("vlmb.seek(0.4)")
+            assert browser.run(f"vlmb.length('links/{path}')") == pytest.approx(at(run, coordinate, 0.4), abs=1e-4)
+        live.finish(run)
+        until(lambda: browser.run("!info.live"))
+        assert browser.run("[info.duration, bar('note').textContent]") == [5.0, ""]
+        browser.run("vlmb.seek(4.5)")
+        assert browser.run("vlmb.length('links/legs/lower')") == pytest.approx(at(run, "xi1_1", 4.5), abs=1e-4)
+        assert browser.run("growing[0].drawRange.count > 0 && shadows.length > 5")
+        assert browser.complaints() == []
+        assert {url.split("?")[0] for url in browser.requests() if not url.startswith("data:")} <= {
+            live.view.url, live.view.url + "more"}  # fmt: skip
+    finally:
+        live.close()
+
+
+def test_a_page_says_when_its_run_has_gone(browser: Browser) -> None:
+    live = Live(Scene.from_dict({**SKIER, "run": {"duration": 4.0}}), browser=False)
+    browser.open(live.view.url)
+    until(lambda: browser.run("info.duration > 0"))
+    live.close()
+    until(lambda: browser.run("bar('note').textContent.includes('has gone')"))
+    assert browser.run("info.live") is False
 
 
 def test_the_page_is_served_until_closed(skier: Trajectory) -> None:

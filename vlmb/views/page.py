@@ -27,24 +27,28 @@ ROOT = "/vlmb"
 STILL = 1e-7  # a track that varies less than this [m, 1] is a constant
 
 
-def page(scenery: Scenery, speed: float = 1.0, start: float = 0.0) -> str:
+def page(scenery: Scenery, speed: float = 1.0, start: float = 0.0, until: float | None = None) -> str:
     """Return the HTML text of a scenery; it refers to nothing outside itself.
 
+    `until` [s]: a motion that is still being computed and lasts so long; the page asks its server for more.
     Raises VlmbError when meshcat is not installed.
     """
-    script, packb = _meshcat(), _msgpack().packb
-    blocks = "\n".join(
-        f'<script type="application/octet-stream">{base64.b64encode(packb(command)).decode("ascii")}</script>'
-        for command in commands(scenery)
-    )
+    script = _meshcat()
+    blocks = "\n".join(f'<script type="application/octet-stream">{text}</script>' for text in packed(scenery))
     values = {
         "TITLE": html.escape(scenery.name),
-        "INFO": json.dumps(_info(scenery, speed, start)).replace("<", "\\u003c"),
+        "INFO": json.dumps(facts(scenery, speed, start, until)).replace("<", "\\u003c"),
         "BLOCKS": blocks,
         "MESHCAT": script,
     }
     template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
     return re.sub("@([A-Z]+)@", lambda found: values[found[1]], template)
+
+
+def packed(scenery: Scenery) -> list[str]:
+    """Return the commands that draw a scenery as text."""
+    packb = _msgpack().packb
+    return [base64.b64encode(packb(command)).decode("ascii") for command in commands(scenery)]
 
 
 def commands(scenery: Scenery) -> list[dict[str, Any]]:
@@ -70,12 +74,14 @@ def commands(scenery: Scenery) -> list[dict[str, Any]]:
     return made
 
 
-def _info(scenery: Scenery, speed: float, start: float) -> dict[str, Any]:
+def facts(scenery: Scenery, speed: float = 1.0, start: float = 0.0, until: float | None = None) -> dict[str, Any]:
+    """Return what the page's script has to know of a scenery."""
     view = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM)
     up = scenery.turn @ np.array([0.0, 0.0, 1.0])
     duration = float(scenery.t[-1] - scenery.t[0])
     return {
-        "duration": duration, "whole": duration, "begin": float(scenery.t[0]), "frames": len(scenery.t), "live": False,
+        "duration": duration, "whole": duration if until is None else until, "begin": float(scenery.t[0]),
+        "frames": len(scenery.t), "live": until is not None,
         "speed": speed, "start": start, "view": view.tolist(), "distance": 2.6 * scenery.radius, "normal": up.tolist(),
         "ground": scenery.ground.height, "radius": scenery.radius, "reach": scenery.ground.half,
         "leads": "ski" if any(body.path == "ski" for body in scenery.bodies) else "ground",

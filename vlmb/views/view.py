@@ -10,6 +10,8 @@ import os
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,20 +34,29 @@ WITHOUT = "write a file with export_html (--html), a picture with --png, or serv
 
 
 class View:
-    """A page that this process serves to browsers of this machine until `close`; in a notebook it shows itself."""
+    """A page that this process serves to browsers of this machine until `close`; in a notebook it shows itself.
 
-    def __init__(self, text: str, port: int = 0) -> None:
-        content = text.encode("utf-8")
+    `more(query)` answers what a page asks for whose motion is still being computed: JSON.
+    """
+
+    def __init__(self, text: str, port: int = 0, more: Callable[[str], str] | None = None) -> None:
+        view = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
-                found = self.path.split("?")[0] in ("/", "/index.html")
+                path, _, query = self.path.partition("?")
+                found = path in ("/", "/index.html")
+                content, kind = (view.text, "text/html") if found else ("", "text/plain")
+                if path == "/more" and more is not None:
+                    found, content, kind = True, more(query), "application/json"
+                sent = content.encode("utf-8")
                 self.send_response(200 if found else 404)
-                self.send_header("Content-Type", "text/html; charset=utf-8")
-                self.send_header("Content-Length", str(len(content) if found else 0))
+                self.send_header("Content-Type", f"{kind}; charset=utf-8")
+                self.send_header("Cache-Control", "no-store")
+                self.send_header("Content-Length", str(len(sent)))
                 self.end_headers()
-                if found:
-                    self.wfile.write(content)
+                with suppress(ConnectionError):  # a page that was closed meanwhile
+                    self.wfile.write(sent)
 
             def log_message(self, *_: Any) -> None:
                 pass
@@ -167,9 +178,9 @@ def keep(view: View) -> None:
     view.wait()
 
 
-def serve(text: str, browser: bool | None, port: int) -> View:
+def serve(text: str, browser: bool | None, port: int, more: Callable[[str], str] | None = None) -> View:
     """Serve a page, and open a browser on it: by default everywhere but in a notebook."""
-    view = View(text, port)
+    view = View(text, port, more)
     try:
         return view.open() if ("ipykernel" not in sys.modules if browser is None else browser) else view
     except VlmbError:

@@ -114,18 +114,25 @@ def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = Fals
 
     `programme` (n, 2) [m] is drawn as a dashed way; default: the course that the scene's programme prescribes, if it does.
     """
-    t, mechanism = trajectory.t, trajectory.mechanism
+    edge = None
+    if arrows and trajectory.mechanism.layout.base == "ski" and len(trajectory) > 1:
+        edge = trajectory.reactions["knife_edge"]
+    return of_samples(trajectory.mechanism, trajectory.t, trajectory.q, trajectory.v, fps, arrows, edge, programme)
+
+
+def of_samples(
+    mechanism: Mechanism, t: Array, q: Array, v: Array, fps: float = 60.0, arrows: bool = False, edge: Array | None = None,
+    programme: Any = None,
+) -> Scenery:  # fmt: skip
+    """Return the scenery of samples (q, v) at t (N,) [s], with the knife edge's force (N,) [N] for its arrow."""
     if len(t) < 2:
-        return of_state(mechanism, (trajectory.q[0], trajectory.v[0]), arrows)
+        return of_state(mechanism, (q[0], v[0]), arrows)
     frames = max(2, round((t[-1] - t[0]) * fps) + 1)
     when = np.linspace(t[0], t[-1], frames)
-    q = at_times(mechanism.model, t, trajectory.q, when)
-    edge = None
-    if arrows and mechanism.layout.base == "ski":
-        edge = np.interp(when, t, trajectory.reactions["knife_edge"])
     if programme is None:
-        programme = _programme(mechanism, t, trajectory.v[:, 0], trajectory.q[0])
-    return _build(mechanism, when, q, arrows, edge, programme)
+        programme = _programme(mechanism, t, v[:, 0], q[0])
+    edge = None if edge is None else np.interp(when, t, edge)
+    return _build(mechanism, when, at_times(mechanism.model, t, q, when), arrows, edge, programme)
 
 
 def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array | None:
