@@ -1,4 +1,4 @@
-"""Draw the paper's figures 7 and 8: deviations from (7.5) and (8.2) over time, by step, stabilization and method."""
+"""Draw the paper's figures: 1 to 6, its mechanisms; 7 and 8, deviations from (7.5) and (8.2), by step, stabilization, method."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _schemes import schemes
 
 import vlmb
 from vlmb.views.plots import save_all
@@ -31,6 +32,8 @@ def run(name: str, method: str, step: float | None = None, stabilized: bool = Tr
     data["run"] |= {"step": step} if step else {"rtol": ADAMS, "atol": 1e-2 * ADAMS}
     if "secondary" in data["programme"]:
         data["programme"]["secondary"] = [SWAY]
+    changed = ["speed 3 m/s", f"tilt {tilt:g} rad", *data["programme"].get("secondary", [])]
+    data["name"] = f"{name}.toml with {', '.join(changed)}"  # titles say what was run
     if not stabilized:
         del data["programme"]["frequency"]
         data["programme"]["gains"] = "none"
@@ -57,7 +60,7 @@ def main() -> int:
     folder = parser.parse_args().folder
     texts = vlmb.load_scene(ROOT / "models" / "skier_paper.toml").programme.constraints  # type: ignore[union-attr]
     numbers = dict(zip(texts, ("(7.5)", "(8.2)"), strict=True))
-    written: list[Path] = []
+    written = schemes(folder)
 
     def draw(name: str, runs: dict[str, vlmb.Trajectory], only: str = "deviations") -> None:
         (path,) = save_all(list(runs.values()), folder, [only], list(runs))

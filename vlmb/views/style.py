@@ -251,7 +251,8 @@ def finish(figure: Figure, runs: Sequence[Trajectory], labels: Sequence[str] | N
     if len(runs) > 1:
         alone = all(len(_labels(ax)) <= 1 for ax in panels)
         handles = [
-            Line2D([], [], color=PALETTE[k % len(PALETTE)] if alone else GREY, linestyle=DASHES[k % len(DASHES)])
+            Line2D([], [], color=PALETTE[k % len(PALETTE)] if alone else GREY, linestyle=DASHES[k % len(DASHES)],
+                   **({} if k else {"linewidth": 2.6, "alpha": 0.5}))
             for k in range(len(runs))
         ]
         texts = [plain(text) for text in (labels or run_labels(runs))]
