@@ -251,10 +251,10 @@ def finish(figure: Figure, runs: Sequence[Trajectory], labels: Sequence[str] | N
     if len(runs) > 1:
         alone = all(len(_labels(ax)) <= 1 for ax in panels)
         handles = [
-            Line2D([], [], color=PALETTE[k % len(PALETTE)] if alone else GREY, linestyle=DASHES[k % len(DASHES)],
-                   **({} if k else {"linewidth": 2.6, "alpha": 0.5}))
+            Line2D([], [], color=PALETTE[k % len(PALETTE)] if alone else GREY, linestyle=DASHES[k % len(DASHES)])
             for k in range(len(runs))
         ]
+        handles[0].set(linewidth=2.6, alpha=0.5)
         texts = [plain(text) for text in (labels or run_labels(runs))]
         columns = max(1, min(len(texts), int(figure.get_figwidth() * 10 / (max(map(len, texts)) + 6))))
         figure.legend(handles, texts, loc="outside lower center", ncols=columns)
