@@ -37,8 +37,8 @@ class Theme(NamedTuple):
     changed: dict[str, str]
 
 
-LIGHT = Theme("#b0cde6", "#f1f6fa", SNOW, SNOW_LINES, FLOOR, FLOOR_LINES, "#c3d0db", 0.5, 0.85, {})
-DARK = Theme("#0b1119", "#273341", "#33404e", "#465666", "#2a3038", "#414a55", "#222c37", 0.45, 0.8,
+LIGHT = Theme("#b0cde6", "#f1f6fa", SNOW, SNOW_LINES, FLOOR, FLOOR_LINES, "#c3d0db", 0.5, 0.6, {})
+DARK = Theme("#0b1119", "#273341", "#33404e", "#465666", "#2a3038", "#414a55", "#222c37", 0.45, 0.55,
              {GRAVITY: "#e8edf2", TRACK: "#5f7a92", BOOTS: "#7b8592", HINGE: "#7b8592", STAND: "#8b96a3"})  # fmt: skip
 
 PARTS = {
