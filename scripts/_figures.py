@@ -1,4 +1,4 @@
-"""Draw the paper's figures 7 and 8: deviations from (7.5) and (8.2) over time, by step, stabilization and method."""
+"""Draw the paper's figures: 1 to 6, its mechanisms; 7 and 8, deviations from (7.5) and (8.2), by step, stabilization, method."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _schemes import schemes
 
 import vlmb
-from vlmb.views.plots import DPI, save_all
+from vlmb.views.plots import save_all
 from vlmb.views.programme_plots import convergence
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -31,6 +32,8 @@ def run(name: str, method: str, step: float | None = None, stabilized: bool = Tr
     data["run"] |= {"step": step} if step else {"rtol": ADAMS, "atol": 1e-2 * ADAMS}
     if "secondary" in data["programme"]:
         data["programme"]["secondary"] = [SWAY]
+    changed = ["speed 3 m/s", f"tilt {tilt:g} rad", *data["programme"].get("secondary", [])]
+    data["name"] = f"{name}.toml with {', '.join(changed)}"  # titles say what was run
     if not stabilized:
         del data["programme"]["frequency"]
         data["programme"]["gains"] = "none"
@@ -57,7 +60,7 @@ def main() -> int:
     folder = parser.parse_args().folder
     texts = vlmb.load_scene(ROOT / "models" / "skier_paper.toml").programme.constraints  # type: ignore[union-attr]
     numbers = dict(zip(texts, ("(7.5)", "(8.2)"), strict=True))
-    written: list[Path] = []
+    written = schemes(folder)
 
     def draw(name: str, runs: dict[str, vlmb.Trajectory], only: str = "deviations") -> None:
         (path,) = save_all(list(runs.values()), folder, [only], list(runs))
@@ -86,7 +89,7 @@ def main() -> int:
     both = {f"step {step:g} s, {word}": runs[step] for runs, word in ((euler, "stabilized"), (free, "not")) for step in two}
     draw("stabilization", both)
     draw("methods", {"Euler, 0.002 s": euler[0.002], "RK4, 0.04 s": rk4[0.04], f"Adams, rtol {ADAMS:g}": adams})
-    from vlmb.views.style import style
+    from vlmb.views.style import style, write
 
     for text in texts:
         curves = {
@@ -96,8 +99,7 @@ def main() -> int:
         path = folder / f"floor_{numbers[text].strip('()').replace('.', '_')}.png"
         figure = convergence(curves, f"Largest deviation after {SETTLED:g} s from {text}", "largest deviation")
         with style():
-            figure.savefig(path, dpi=DPI)
-        written.append(path)
+            written.append(write(figure, path))
         for name, (steps, errors) in curves.items():
             slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
             values = ", ".join(f"{error:.1e}" for error in errors)

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # What shows a scene best: time of the still [s] (default: the end), earlier postures, direction to the camera
 TURN: dict[str, Any] = {"ghosts": 4, "since": 2.6}
-SLALOM: dict[str, Any] = {"ghosts": 5, "since": 7.6}
+SLALOM: dict[str, Any] = {"ghosts": 4}
 LOOKS: dict[str, dict[str, Any]] = {
     "skier_one_link": {"ghosts": 4, "since": 3.4},
     "skier_two_links": {"ghosts": 4, "since": 3.4},

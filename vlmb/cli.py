@@ -34,6 +34,7 @@ from vlmb.studies.work_precision import measure
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 from vlmb.views import view, work_precision_plots
+from vlmb.views.live import Live
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames, save_still
 from vlmb.views.terminal import parsed, printable
@@ -88,7 +89,7 @@ def make_parser() -> argparse.ArgumentParser:
     run.add_argument("--engine", choices=("auto", "core", "pinocchio"), help="what evaluates the motion (default: auto)")
     run.add_argument("--max-step", type=float, metavar="S", help="[s] longest step of adaptive methods")
     run.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
-    run.add_argument("--view", action="store_true", help="play the run in the browser when it is done")
+    run.add_argument("--view", action="store_true", help="show the motion in the browser while it is computed")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     info = command("info", "print degrees of freedom, joints, and what was left out and why", _info)
     info.add_argument("scene", help="scene file (.toml)")
@@ -124,6 +125,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.view:
         view.need_display()
     folder = args.output or Path("results") / _name_of(path)
+    watched = Live(scene, changes, t0, browser=True) if args.view else None
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
@@ -136,6 +138,8 @@ def _run(args: argparse.Namespace) -> int:
             folder,
         )
     except BaseException:
+        if watched:
+            watched.close()
         _remove(made)
         raise
     trajectory, written, ended = kept.trajectory, kept.written, kept.ended
@@ -154,10 +158,12 @@ def _run(args: argparse.Namespace) -> int:
     if ended and not args.no_plots:
         print("vlmb run: interrupted: pictures in this folder may be those of an earlier run", file=sys.stderr)
     print(_wrote(written))
+    if watched and (ended or kept.error is not None):
+        watched.close()
     if kept.error is not None:
         raise kept.error
-    if args.view and not ended:
-        view.keep(view.play(trajectory, browser=True))
+    if watched and not ended:
+        view.keep(watched.finish(trajectory))
     return 0 if trajectory.status in ("finished", "stopped") and not (trajectory.doubts or ended or kept.said) else 1
 
 
@@ -296,6 +302,11 @@ def _view_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and films")
     parser.add_argument("--fps", type=float, help="frames a second (default: page 60, frames and MP4 30, GIF 20)")
     parser.add_argument("--speed", type=float, default=1.0, help="times real time (default: 1)")
+    parser.add_argument("--azimuth", type=float, metavar="DEG", help="of the camera of pictures and films, from the fall line")
+    parser.add_argument("--elevation", type=float, metavar="DEG", help="of the camera above the surface")
+    parser.add_argument("--zoom", type=float, default=1.0, help="of the camera's lens (default: 1)")
+    parser.add_argument("--side", action="store_true", help="the camera on the right of the way")
+    parser.add_argument("--follow", action=argparse.BooleanOptionalAction, help="the camera goes along (default: in films)")
     parser.add_argument("--arrows", action="store_true", help="draw gravity and the edge force")
     parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
     parser.add_argument("--port", type=int, default=0, help="of the page on this machine (default: any free one)")
@@ -314,6 +325,7 @@ def _view(args: argparse.Namespace) -> int:
         return of_trajectory(what, fps, args.arrows) if isinstance(what, Trajectory) else view.posture(what, None, args.arrows)
 
     size: dict[str, Any] = {"size": tuple(args.size)} if args.size else {}
+    size["shot"] = view.Shot(args.azimuth, args.elevation, args.zoom, args.follow, args.side).checked()
     written: list[Path] = []
     if args.png:
         written.append(save_still(view.picture(what, args.time, ghosts=args.ghosts, arrows=args.arrows, **size), args.png))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import re
 import subprocess
 import sys
 from typing import Any
@@ -17,7 +18,7 @@ pytest.importorskip("matplotlib")
 
 from vlmb.model.names import quantity_of
 from vlmb.views.plots import PLOTS, ZERO, save_all
-from vlmb.views.style import run_labels
+from vlmb.views.style import DPI, run_labels
 
 LINK = {"rod": {"length": 0.5, "mass": 30.0}, "lower": {"length": 0.25, "stiffness": 2e4, "damping": 200.0, "rest": 0.28}}
 SKIER: dict[str, Any] = {
@@ -198,7 +199,7 @@ def test_files_are_not_blank_and_empty_figures_are_skipped(
 ) -> None:
     from matplotlib.image import imread
 
-    monkeypatch.setattr("vlmb.views.plots.DPI", 60)
+    monkeypatch.setattr("vlmb.views.style.DPI", 60)
     written = save_all(runs[name], tmp_path / "new folder")
     missing = {
         "pivot": {"residuals", "controls", "power", "deviations", "strengths"},
@@ -267,3 +268,45 @@ def test_matplotlib_is_imported_only_to_draw_and_keeps_its_settings() -> None:
         "assert before == {name: rcParams[name] for name in RC}; assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_curve_is_named_and_no_figure_is_taller_than_a_screen(runs: dict[str, vlmb.Trajectory], name: str) -> None:
+    for kind, make in PLOTS.items():
+        figure = make(runs[name])
+        assert figure.get_figheight() * DPI <= 1080
+        listed = {text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()}
+        for ax in figure.axes:
+            labels = [line.get_label() for line in ax.lines if not line.get_label().startswith("_")]
+            assert len(labels) == 1 or set(labels) <= listed, (kind, ax.get_ylabel())
+            if ax.lines and kind != "path":
+                assert re.search(r"\[.+\]|\$z\$", ax.get_ylabel()), (kind, ax.get_ylabel())
+
+
+def test_many_controls_are_told_apart_by_colour_and_dashes(whole: vlmb.Trajectory) -> None:
+    _, moments = PLOTS["controls"](whole).axes
+    assert len(moments.lines) == 13 and len(moments.get_legend().get_texts()) == 13
+    assert len({(line.get_color(), line.get_linestyle(), str(line._unscaled_dash_pattern)) for line in moments.lines}) == 13
+    deviations = PLOTS["deviations"](whole)
+    assert len(deviations.axes) == 13 and deviations.get_figheight() * DPI <= 1080
+    for ax, row in zip(deviations.axes, whole.scene.programme.constraints, strict=True):  # type: ignore[union-attr]
+        assert " ".join(ax.get_title(loc="left").split()) == row  # not cut
+        np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.maximum(np.abs(whole.residuals[row].position), ZERO))
+
+
+def test_curves_that_lie_on_each_other_are_all_seen() -> None:
+    from matplotlib.figure import Figure
+
+    from vlmb.views.style import reveal
+
+    ax = Figure().subplots()
+    t = np.linspace(0.0, 1.0, 50)
+    lower, upper, other = (ax.plot(t, values, label=name)[0] for name, values in
+                           (("a", t), ("b", t + 1e-6), ("c", 1.0 - t)))  # fmt: skip
+    reveal(ax)
+    assert lower.get_linestyle() == "-" and lower.get_linewidth() > upper.get_linewidth()
+    assert upper.get_linestyle() == "--" and other.get_linestyle() == "-"
+    same = simulate(Scene.from_dict({**SKIER, "start": {**SKIER["start"], "phi1_dot": 0.0}}), method="adams")
+    pair = PLOTS["coordinates"]([simulate(Scene.from_dict(SKIER)), same])
+    first, second = lines_of(pair, r"$\psi_{1}$")[:2]
+    assert first.get_linewidth() > second.get_linewidth() and second.get_linestyle() == "--"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -142,6 +143,20 @@ def test_the_papers_figures_are_reproduced(tmp_path: Path) -> None:
     assert times == [pytest.approx(0.47, abs=0.02), pytest.approx(1.35, abs=0.05)]
     pictures = {path.stem for path in tmp_path.glob("*.png")}
     assert pictures >= {"figures_7_and_8", "stabilization", "methods", "tipping_over", "floor_7_5", "floor_8_2"}
+    assert pictures >= {f"figure_{number}" for number in range(1, 7)}
+
+
+def test_the_papers_mechanisms_have_as_many_coordinates_as_it_counts(tmp_path: Path) -> None:
+    """3, 7 and 4n - 1 of pivoted chains; 7, 11 and 4n + 3 on a ski."""
+    schemes = runpy.run_path(str(MODELS.parent / "scripts" / "_schemes.py"))
+    counts = []
+    for scheme in schemes["SCHEMES"]:
+        path = schemes["draw"](scheme, tmp_path)
+        scene = vlmb.Scene.from_dict({"base": scheme.base, "links": scheme.links})
+        counts.append((path.stem, len(scheme.links), len(vlmb.build(scene).coordinate_names)))
+        assert path.stat().st_size > 5000
+    assert counts == [("figure_1", 1, 3), ("figure_2", 2, 7), ("figure_3", 4, 15), ("figure_4", 1, 7), ("figure_5", 2, 11),
+                      ("figure_6", 5, 23)]  # fmt: skip
 
 
 # ---- with and without stabilization

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import io
+import json
 import re
 import socket
 import subprocess
@@ -26,14 +27,16 @@ from tests.views.scenes import MODELS, SKIER, TREE
 from vlmb import Scene, Trajectory, build, load_scene, simulate
 from vlmb.cli import main, make_parser
 from vlmb.scene.expressions import parse_equation
-from vlmb.views import shapes
+from vlmb.views import appearance, shapes
 from vlmb.views import view as view_module
 from vlmb.views.canvas import Camera, Canvas
+from vlmb.views.live import Live
 from vlmb.views.notebook import card
 from vlmb.views.page import page
 from vlmb.views.reference_path import course, solved
 from vlmb.views.shapes import Mesh
-from vlmb.views.view import View, export_html, has_display, picture, show
+from vlmb.views.stills import movie
+from vlmb.views.view import Shot, View, export_html, has_display, picture, show
 from vlmb.views.visual_model import Scenery, of_state, of_trajectory
 
 umsgpack = pytest.importorskip("umsgpack", reason="meshcat is not installed")
@@ -158,7 +161,10 @@ def test_arrows_show_gravity_and_the_edge_force(skier: Trajectory) -> None:
     assert not {"gravity", "ski/edge_force"} & {body.path for body in of_trajectory(skier).bodies}
 
 
-SOLIDS = [shapes.ball(0.3), shapes.tube(0.2), shapes.limb(1.0, 0.1), shapes.limb(0.2, 0.3, 1.3, 0.7), shapes.arrow(1.0),
+SOLIDS = [shapes.ball(0.3), shapes.tube(0.2), shapes.bellows(0.2), shapes.torso(0.5, 0.13, 1.3, 0.8),
+          shapes.barrel(0.3, 0.1, 1.3, 0.8),
+          shapes.boot(0.3, 0.1, 0.05), shapes.between(np.array([0.1, 0.2, 0.3]), np.array([0.4, -0.2, 0.1]), 0.05),
+          shapes.limb(1.0, 0.1), shapes.limb(0.2, 0.3, 1.3, 0.7), shapes.arrow(1.0),
           shapes.cone(1.0, 0.4), shapes.turned_over(shapes.cone(1.0, 0.4)), shapes.ski(1.8)]  # fmt: skip
 
 
@@ -368,11 +374,171 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(browser: Browser, skier_
     assert browser.complaints() == []
 
 
-def test_a_start_posture_has_no_bar(browser: Browser, tmp_path: Path) -> None:
+def test_a_start_posture_has_views_and_no_slider(browser: Browser, tmp_path: Path) -> None:
     browser.open(export_html(build(Scene.from_dict(SKIER)), tmp_path / "start.html").as_uri())
-    assert browser.run("bar('bar').hidden") is True
+    assert browser.run("[bar('motion').hidden, bar('more').hidden, bar('views').hidden]") == [True, True, False]
     assert browser.run("vlmb.length('links/legs/lower')") == pytest.approx(0.25, abs=1e-6)
     assert browser.complaints() == []
+
+
+def test_a_drag_never_takes_the_camera_under_the_snow(browser: Browser, skier_page: str) -> None:
+    browser.open(skier_page + "#t=0.2")
+    middle = browser.run("[pane.clientWidth / 2, pane.clientHeight / 2]")
+    drags = ((-40, 0, "left"), (-700, 30, "left"), (500, 0, "left"), (-900, -300, "left"), (-400, 0, "right"))
+    for down, across, button in drags:
+        start = {"x": middle[0], "y": middle[1], "button": button, "clickCount": 1}
+        was = browser.run("camera.position.toArray()")
+        browser.call("Input.dispatchMouseEvent", type="mousePressed", **start)
+        for k in range(1, 6):
+            place = {"x": middle[0] + k * across / 5, "y": middle[1] + k * down / 5}
+            browser.call("Input.dispatchMouseEvent", type="mouseMoved", button=button, buttons=1 + (button == "right"), **place)
+            assert browser.run("vlmb.height()") > 0.01
+        browser.call("Input.dispatchMouseEvent", type="mouseReleased", x=middle[0] + across, y=middle[1] + down, button=button)
+        assert browser.run("camera.position.toArray()") != was  # it did turn
+    browser.run("vlmb.seek(0.5)")
+    assert browser.run("vlmb.height()") > 0.01
+    assert browser.complaints() == []
+
+
+def test_buttons_turn_the_view_and_reset_it(browser: Browser, skier_page: str, skier: Trajectory) -> None:
+    browser.open(skier_page + "#t=0.25")
+    turned = "camera.position.clone().sub(controls.target).normalize()"
+    first = browser.run(f"{turned}.toArray()")
+    heading = at(skier, "phi0", 0.25)
+    forwards = of_trajectory(skier).turn @ [np.cos(heading), np.sin(heading), 0.0]
+    up = of_trajectory(skier).turn @ [0.0, 0.0, 1.0]
+    found = {}
+    for name in ("side", "front", "top"):
+        browser.run(f"bar('{name}').click()")
+        x, y, z = browser.run(f"{turned}.toArray()")
+        found[name] = np.array([x, -z, y])
+    assert found["front"] @ forwards > 0.98 and found["top"] @ up > 0.999
+    assert found["side"] @ np.cross(forwards, up) > 0.98 and abs(found["side"] @ forwards) < 1e-3
+    browser.run("bar('reset').click()")
+    np.testing.assert_allclose(browser.run(f"{turned}.toArray()"), first, atol=1e-6)
+    browser.run("bar('follow').click(); controls.target.set(0, 0, 0); vlmb.seek(0.1)")
+    assert browser.run("controls.target.toArray()") == [0, 0, 0]  # it does not follow any more
+    assert browser.complaints() == []
+
+
+def test_a_page_opens_at_a_time_and_goes_to_another(browser: Browser, skier_page: str) -> None:
+    browser.open(skier_page + "#t=0.4")
+    assert browser.run("[playing, time]") == [False, pytest.approx(0.4)]
+    moved = "new Promise(done => { addEventListener('hashchange', () => setTimeout(() => done([time, view]))); location.hash = "
+    assert browser.run(moved + "'#t=0.1&view=top' })") == [pytest.approx(0.1), "top"]
+    assert browser.run(moved + "'#t=nonsense' })") == [pytest.approx(0.1), "top"]
+    assert browser.complaints() == []
+
+
+def test_a_motion_ends_or_starts_again(browser: Browser, skier_page: str) -> None:
+    browser.open(skier_page + "#t=0.49")
+    waited = "new Promise(done => setTimeout(() => done([playing, time]), 400))"
+    browser.run("bar('loop').click(); bar('play').click()")
+    assert browser.run(waited) == [False, pytest.approx(0.5)]
+    browser.run("bar('speed').value = '4'; bar('speed').onchange({target: bar('speed')})")
+    browser.run("bar('loop').click(); bar('play').click()")
+    assert browser.run(waited)[0] is True
+    assert browser.complaints() == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390), (1280, 800)])
+def test_controls_fit_phones_and_screens(browser: Browser, skier_page: str, width: int, height: int) -> None:
+    browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 1000)
+    try:
+        browser.open(skier_page + "#t=0.2")
+        boxes = browser.run(
+            "[...document.querySelectorAll('#bar button, #bar input, #bar select, #clock')].map(entry => {"
+            " const box = entry.getBoundingClientRect(); return [box.left, box.top, box.right, box.bottom]; })"
+        )
+        assert len(boxes) == 10
+        for left, top, right, bottom in boxes:
+            assert left >= 0.0 and top >= 0.0 and right <= width and bottom <= height
+            assert bottom - top >= 17.0 and right - left >= 30.0
+        slider = boxes[1]
+        assert slider[2] - slider[0] > 150.0
+        assert browser.run("pane.getBoundingClientRect().bottom <= bar('bar').getBoundingClientRect().top + 1")
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        drawn = browser.run("viewer.renderer.domElement.clientHeight / pane.clientHeight")
+        assert drawn == pytest.approx(1.0, abs=0.02)
+        assert browser.complaints() == []
+    finally:
+        browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+def test_the_page_is_dark_where_the_system_is(browser: Browser, skier_page: str) -> None:
+    browser.open(skier_page + "#t=0.2")
+    light = pixels_of(browser.picture())
+    try:
+        browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+        browser.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        dark = pixels_of(browser.picture())
+    finally:
+        browser.call("Emulation.setEmulatedMedia", features=[])
+    assert light.mean() > 170.0 and dark.mean() < 90.0
+    assert browser.complaints() == []
+
+
+def test_arrows_stay_above_the_snow(skier: Trajectory, whole: Trajectory) -> None:
+    for run in (skier, whole):
+        made = of_trajectory(run, arrows=True)
+        shown = {body.path: body.shape for body in made.bodies}
+        for frame in range(0, len(made.t), 5):
+            poses = made.poses(frame)
+            for path in ("gravity", "ski/edge_force"):
+                shape = shown[path]
+                assert isinstance(shape, Mesh)
+                corners = shape.vertices @ poses[path][:3, :3].T + poses[path][:3, 3]
+                assert corners[:, 2].min() > 0.0, path
+
+
+# the person --------------------------------------------------------------------------------------------------------
+
+
+def test_knees_bend_as_legs_of_one_link_get_shorter(skier: Trajectory) -> None:
+    made = of_trajectory(skier, fps=1.0 / (skier.t[1] - skier.t[0]))
+    shapes_of = {body.path: body.shape for body in made.bodies}
+    shank = shapes_of["links/legs/shank"]
+    assert isinstance(shank, Mesh)
+    length, bends = shank.vertices[:, 0].max(), []
+    for frame in range(0, len(made.t), 10):
+        poses = made.poses(frame)
+        ankle, knee = poses["links/legs/shank"][:3, 3], poses["links/legs/thigh"][:3, 3]
+        assert np.linalg.norm(knee - ankle) == pytest.approx(length, rel=1e-6)
+        hip, hinge = skier.position("legs", "rod_end")[frame], skier.position("legs", "hinge")[frame]
+        along = (hip - hinge) / np.linalg.norm(hip - hinge)
+        offset = (knee - hinge) - along * ((knee - hinge) @ along)
+        heading = np.array([np.cos(skier["phi0"][frame]), np.sin(skier["phi0"][frame]), 0.0])
+        assert offset @ heading > 0.0  # the knee is in front
+        bends.append((np.linalg.norm(hip - hinge), np.linalg.norm(offset)))
+    bends.sort()
+    assert bends[0][1] > bends[-1][1] + 0.01
+
+
+def test_arms_are_outside_the_trunk_and_at_its_shoulders() -> None:
+    run = simulate(MODELS / "skier_with_arms.toml")
+    made = of_trajectory(run, fps=20.0)
+    shapes_of = {body.path: body.shape for body in made.bodies}
+    trunk = shapes_of["links/trunk/rod"]
+    assert isinstance(trunk, Mesh)
+    half = np.abs(trunk.vertices[:, 1]).max()
+    for frame in range(len(made.t)):
+        poses = made.poses(frame)
+        inside = np.linalg.inv(poses["links/trunk/rod"])
+        for name, side in (("left_arm", 1.0), ("right_arm", -1.0)):
+            for x in (0.0, 0.3, 0.6):
+                place = inside @ poses[f"person/{name}"] @ [x, 0.0, 0.0, 1.0]
+                assert side * place[1] > half
+        np.testing.assert_allclose(poses["links/left_arm"][:3, 3], poses["links/right_arm"][:3, 3], atol=1e-9)  # the links' own
+
+
+@pytest.mark.parametrize("name", ["skier_one_link", "skier_two_links", "skier_slalom_whole_body", "skier_paper", "flight"])
+def test_a_person_has_a_head_arms_and_two_legs(name: str) -> None:
+    made = view_module.posture(build(load_scene(MODELS / f"{name}.toml")))
+    colours = {body.colour for body in made.bodies}
+    assert {appearance.SKIN, appearance.HELMET, appearance.SLEEVES, appearance.TROUSERS, appearance.JACKET} <= colours
+    free = [link.name for link in load_scene(MODELS / f"{name}.toml").links if link.lower.motion == "free" and link.lower.length]
+    stretched = {body.path for body in made.bodies if body.colour == appearance.STRETCH}
+    assert {f"links/{link}/lower" for link in free} <= stretched
 
 
 # stills ------------------------------------------------------------------------------------------------------------
@@ -425,6 +591,48 @@ def test_a_still_of_a_long_chain_and_of_a_lone_ski() -> None:
         assert np.asarray(picture(build(Scene.from_dict(scene)), size=(160, 100))).std() > 3.0
 
 
+def far_from_the_snow(shown: Any) -> np.ndarray[Any, Any]:
+    """Rows and columns of strongly coloured pixels: what is neither snow nor sky nor pale."""
+    values = np.asarray(shown, dtype=int)
+    return np.argwhere(values.max(axis=2) - values.min(axis=2) > 110)
+
+
+def test_the_camera_of_pictures_stands_where_it_is_told(skier: Trajectory) -> None:
+    def width_of(shot: Shot) -> tuple[float, float]:
+        found = far_from_the_snow(picture(skier, 0.3, size=(320, 200), shot=shot))
+        return float(np.ptp(found[:, 1])), float(np.ptp(found[:, 0]))
+
+    heading = float(np.degrees(at(skier, "phi0", 0.3)))
+    side, front = width_of(Shot(side=True, follow=True)), width_of(Shot(azimuth=heading, elevation=8.0, follow=True))
+    assert side[0] > 1.5 * front[0]  # the ski is seen along its whole length from the side alone
+    np.testing.assert_allclose(width_of(Shot(azimuth=heading - 90.0, elevation=8.0, follow=True)), side, atol=2.0)
+    near, far = (width_of(Shot(side=True, follow=True, zoom=zoom)) for zoom in (0.8, 0.4))
+    assert near[0] == pytest.approx(2.0 * far[0], rel=0.05)
+    refused = {Shot(zoom=0.0): "zoom 0", Shot(elevation=-5.0): "elevation -5 deg", Shot(azimuth=1e3): "azimuth 1000"}
+    for wrong, what in refused.items():
+        with pytest.raises(vlmb.VlmbError, match=what):
+            picture(skier, shot=wrong)
+
+
+def test_earlier_postures_fill_the_picture() -> None:
+    run = simulate(MODELS / "skier_one_link.toml")
+    shown = np.asarray(picture(run, size=(480, 300), ghosts=4), dtype=int)
+    found = far_from_the_snow(shown)
+    assert np.ptp(found[:, 0]) > 0.3 * 300  # the last posture alone is that high
+    red = np.argwhere(shown[..., 0] - shown[..., 2] > 25)
+    assert np.ptp(red[:, 1]) > 0.7 * 480
+
+
+def test_a_film_from_where_it_is_told(skier: Trajectory) -> None:
+    made = of_trajectory(skier, fps=10.0)
+    follows_, stands = (list(movie(made, (160, 100), 10.0, shot=Shot(follow=follow))) for follow in (True, False))
+    moved = []
+    for pictures in (follows_, stands):
+        places = [far_from_the_snow(shown).mean(axis=0) for shown in pictures]
+        moved.append(np.ptp([place[1] for place in places]))
+    assert len(follows_) == len(stands) == 5 and moved[1] > 2.0 * moved[0]
+
+
 # the command and the server ----------------------------------------------------------------------------------------
 
 
@@ -455,6 +663,12 @@ def test_the_command_writes_files(skier: Trajectory, tmp_path: Path, capsys: pyt
     assert command(stored, "--frames", str(tmp_path / "film"), "--size", "120", "80", "--fps", "10") == 0
     assert [path.name for path in sorted((tmp_path / "film").iterdir())] == [f"frame_{k:05d}.png" for k in range(5)]
     assert command(str(MODELS / "skier_one_link.toml"), "--png", names["png"], "--size", "160", "100") == 0
+    with Image.open(names["png"]) as still:
+        usual = np.asarray(still, dtype=int)
+    camera = ["--azimuth", "20", "--elevation", "50", "--zoom", "0.7", "--follow"]
+    assert command(str(MODELS / "skier_one_link.toml"), "--png", names["png"], "--size", "160", "100", *camera) == 0
+    with Image.open(names["png"]) as still:
+        assert np.abs(np.asarray(still, dtype=int) - usual).max() > 50
 
 
 def test_the_command_explains_what_is_wrong(tmp_path: Path, skier: Trajectory) -> None:
@@ -467,6 +681,8 @@ def test_the_command_explains_what_is_wrong(tmp_path: Path, skier: Trajectory) -
         command(str(tmp_path / "nothing.toml"))
     with pytest.raises(vlmb.VlmbError, match="--speed 0: must be positive"):
         command(str(tmp_path / "run.npz"), "--speed", "0")
+    with pytest.raises(vlmb.VlmbError, match="elevation -3 deg: must be above 0"):
+        command(str(tmp_path / "run.npz"), "--elevation", "-3", "--png", str(tmp_path / "out.png"))
     with pytest.raises(vlmb.VlmbError, match=r"a scene shows its start; --time and --ghosts need a stored run"):
         command(str(MODELS / "one_link.toml"), "--png", str(tmp_path / "out.png"), "--time", "1")
 
@@ -493,22 +709,86 @@ def test_run_looks_for_a_display_before_it_runs(
     assert not (tmp_path / "results").exists()
 
 
-def test_run_plays_what_it_computed(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_shows_the_motion_while_and_after_it_is_computed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    opened: list[str] = []
+    seen: dict[str, str] = {}
+
+    def fetch(url: str) -> str:
+        with urllib.request.urlopen(url, timeout=20) as answer:
+            return str(answer.read().decode())
 
     def look(url: str) -> bool:
-        with urllib.request.urlopen(url, timeout=20) as answer:
-            opened.append(answer.read().decode())
+        seen["first"] = fetch(url)
         return True
+
+    def wait(view: View) -> None:
+        seen["last"], seen["more"] = fetch(view.url), fetch(view.url + "more?have=0")
+        view.close()
 
     monkeypatch.setattr(view_module, "has_display", lambda: True)
     monkeypatch.setattr("webbrowser.open", look)
-    monkeypatch.setattr(View, "wait", View.close)  # at once, as by Ctrl-C
+    monkeypatch.setattr(View, "wait", wait)
     words = ["run", str(MODELS / "one_link.toml"), "--view", "--quiet", "--no-plots", "--duration", "0.5", "-o", "out"]
     assert main(words) == 0
     assert "(Ctrl-C ends)" in capsys.readouterr().out
-    assert {".quaternion", ".position", ".scale"} == {kind for _, kind in tracks_of(opened[0])}
+    assert '"live": true' in seen["first"] and tracks_of(seen["first"]) == {}  # opened before the run
+    assert {".quaternion", ".position", ".scale"} == {kind for _, kind in tracks_of(seen["last"])}
+    more = json.loads(seen["more"])
+    assert more["info"]["live"] is False and more["info"]["duration"] == pytest.approx(0.5) and more["commands"]
+
+
+def until(condition: Any, seconds: float = 30.0) -> Any:
+    """Wait for something that is true; return it."""
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return found
+
+
+def test_a_page_plays_a_motion_that_is_being_computed_at_real_time(
+    browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vlmb.views.live.AHEAD", 2.0)
+    scene = load_scene(MODELS / "skier_one_link.toml")
+    live = Live(scene, browser=False)
+    try:
+        browser.open(live.view.url)
+        assert browser.run("[info.live, info.whole, bar('motion').hidden]") == [True, 5.0, False]
+        known = until(lambda: browser.run("info.duration"))
+        assert known < 5.0 and browser.run("info.live")  # the rest is not computed yet
+        until(lambda: re.search(r"computed to \d", browser.run("bar('note').textContent")))
+        until(lambda: browser.run("info.duration > 2.4"))
+        begun, shown = time.monotonic(), browser.run("(show(0), setPlaying(true), time)")
+        time.sleep(1.5)
+        passed, advanced = time.monotonic() - begun, browser.run("time") - shown
+        assert advanced == pytest.approx(passed, rel=0.35)  # at real time
+        run = simulate(scene)
+        for path, coordinate in {"legs/lower": "xi1_1", "legs/rod/upper": "xi1_2"}.items():
+            browser.run("vlmb.seek(0.4)")
+            assert browser.run(f"vlmb.length('links/{path}')") == pytest.approx(at(run, coordinate, 0.4), abs=1e-4)
+        live.finish(run)
+        until(lambda: browser.run("!info.live"))
+        assert browser.run("[info.duration, bar('note').textContent]") == [5.0, ""]
+        browser.run("vlmb.seek(4.5)")
+        assert browser.run("vlmb.length('links/legs/lower')") == pytest.approx(at(run, "xi1_1", 4.5), abs=1e-4)
+        assert browser.run("growing[0].drawRange.count > 0 && shadows.length > 5")
+        assert browser.complaints() == []
+        assert {url.split("?")[0] for url in browser.requests() if not url.startswith("data:")} <= {
+            live.view.url, live.view.url + "more"}  # fmt: skip
+    finally:
+        live.close()
+
+
+def test_a_page_says_when_its_run_has_gone(browser: Browser) -> None:
+    live = Live(Scene.from_dict({**SKIER, "run": {"duration": 4.0}}), browser=False)
+    browser.open(live.view.url)
+    until(lambda: browser.run("info.duration > 0"))
+    live.close()
+    until(lambda: browser.run("bar('note').textContent.includes('has gone')"))
+    assert browser.run("info.live") is False
 
 
 def test_the_page_is_served_until_closed(skier: Trajectory) -> None:

@@ -9,28 +9,48 @@ ROD, ROD_TOO, TELESCOPE, HINGE, MASS = "#2f6db3", "#5b9bd5", "#aab4bf", "#39424e
 SKI, STAND = "#c8313a", "#5c6670"
 SNOW, SNOW_LINES, FLOOR, FLOOR_LINES = "#f4f8fb", "#cfdce6", "#e9ebee", "#c9ced4"
 TRACK, TRAIL, PROGRAMME, EDGE_FORCE, GRAVITY = "#9db4c8", "#e08a3c", "#009e73", "#d55e00", "#333333"
-SKIN, JACKET, SLEEVES, TROUSERS, BOOTS = "#e9bd95", "#c8313a", "#d9525a", "#27364b", "#4a4f57"
+SKIN, JACKET, SLEEVES, TROUSERS, BOOTS = "#e9bd95", "#c8313a", "#d9525a", "#3a588c", "#575e69"
+HELMET, GOGGLES = "#e6e9ee", "#2b2f36"
+STRETCH = "#f0a030"  # segments that change their length
 
 
 class Look(NamedTuple):
     """How the rod of a link is drawn."""
 
     colour: str
+    part: str = ""  # of a body: legs, limb, trunk, neck, head, arm, foot, pole
     thickness: float = 1.0  # factor on the radius its mass gives it
-    width: float = 1.0  # factor across, to the sides
-    depth: float = 1.0  # factor across, fore and aft
-    round: bool = False  # a ball
-    of_body: bool = True
 
+
+class Theme(NamedTuple):
+    """The surroundings of a page, and the colours that it changes."""
+
+    sky: str
+    haze: str
+    snow: str
+    snow_lines: str
+    floor: str
+    floor_lines: str
+    shadow: str
+    sun: float
+    ambient: float
+    changed: dict[str, str]
+
+
+LIGHT = Theme("#b0cde6", "#f1f6fa", SNOW, SNOW_LINES, FLOOR, FLOOR_LINES, "#c3d0db", 0.5, 0.6, {})
+DARK = Theme("#0b1119", "#273341", "#33404e", "#465666", "#2a3038", "#414a55", "#222c37", 0.45, 0.55,
+             {GRAVITY: "#e8edf2", TRACK: "#5f7a92", BOOTS: "#7b8592", HINGE: "#7b8592", STAND: "#8b96a3"})  # fmt: skip
 
 PARTS = {
-    r"head": Look(SKIN, round=True),
-    r"neck|hand": Look(SKIN),
-    r"trunk|torso|thorax|chest|abdomen|pelvis|spine|back": Look(JACKET, width=1.3, depth=0.77),
-    r"thigh|shank|shin|leg|calf": Look(TROUSERS),
-    r"arm": Look(SLEEVES),
-    r"foot|feet|boot": Look(BOOTS),
-    r"pole": Look(BOOTS, thickness=0.5),
+    r"head": Look(SKIN, "head"),
+    r"neck": Look(SKIN, "neck"),
+    r"trunk|torso|thorax|chest|abdomen|pelvis|spine|back(?!_)": Look(JACKET, "trunk"),
+    r"thigh|shank|shin|calf": Look(TROUSERS, "limb"),
+    r"leg": Look(TROUSERS, "legs"),
+    r"hand": Look(SKIN, "arm"),
+    r"arm": Look(SLEEVES, "arm"),
+    r"foot|feet|boot": Look(BOOTS, "foot"),
+    r"pole": Look(BOOTS, "pole", thickness=0.5),
 }
 
 
@@ -39,4 +59,4 @@ def look_of(name: str, number: int = 0) -> Look:
     for pattern, look in PARTS.items():
         if re.search(pattern, name, re.IGNORECASE):
             return look
-    return Look((ROD, ROD_TOO)[number % 2], of_body=False)
+    return Look((ROD, ROD_TOO)[number % 2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ class Camera(NamedTuple):
 
     eye: Array
     axes: Array
+    zoom: float = 1.0  # of its lens
 
     @staticmethod
     def towards(target: Array, direction: Array, distance: float) -> Camera:
@@ -54,7 +55,7 @@ class Canvas:
 
     def __init__(self, camera: Camera, width: int, height: int) -> None:
         self.camera, self.width, self.height = camera, width, height
-        self.scale = 0.5 * height / math.tan(math.radians(FIELD) / 2)
+        self.scale = 0.5 * height * camera.zoom / math.tan(math.radians(FIELD) / 2)
         self.colours = np.zeros((height * width, 3), dtype=np.float32)
         self.nearness = np.zeros(height * width, dtype=np.float32)
 
@@ -62,52 +63,65 @@ class Canvas:
         """Return the picture (h, w, 3)."""
         return np.clip(self.colours, 0.0, 255.0).astype(np.uint8).reshape(self.height, self.width, 3)
 
+    def halved(self) -> NDArray[np.uint8]:
+        """Return the picture at half its size, each pixel the mean of four."""
+        fine = self.colours.reshape(self.height, self.width, 3)
+        mean = 0.25 * (fine[0::2, 0::2] + fine[1::2, 0::2] + fine[0::2, 1::2] + fine[1::2, 1::2])
+        return np.clip(mean, 0.0, 255.0, out=mean).astype(np.uint8)
+
     def ground(
         self, turn: Array, height: float, spacing: float, colours: tuple[Array, Array, Array, Array], reach: float
     ) -> None:
         """Paint the plane z = height of a turned frame, with a grid, into the haze: colours of plane, lines, haze, sky."""
-        rows, columns = np.mgrid[0 : self.height : 2, 0 : self.width : 2]
-        rays = np.stack([(columns + 1 - self.width / 2) / self.scale, (self.height / 2 - rows - 1) / self.scale,
-                         -np.ones(rows.shape)], axis=-1) @ self.camera.axes  # fmt: skip
-        normal = turn[:, 2]
-        slope = rays @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = (height - self.camera.eye @ normal) / slope
+        eye, axes = (self.camera.eye @ turn).astype(np.float32), (self.camera.axes @ turn).astype(np.float32)
+        x = ((np.arange(0, self.width, 2) + 1 - self.width / 2) / self.scale).astype(np.float32)
+        y = ((self.height / 2 - np.arange(0, self.height, 2) - 1) / self.scale).astype(np.float32)[:, None]
+        ahead, left, slope = (x * axes[0, k] + y * axes[1, k] - axes[2, k] for k in range(3))  # rays in the plane's frame
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            depth = (np.float32(height) - eye[2]) / slope
         hit = (depth > NEAR) & (depth < 1e4 * reach)
-        at = (self.camera.eye + np.where(hit, depth, 0.0)[..., None] * rays) @ turn
-        lines = np.zeros(hit.shape)
-        for axis in (0, 1):
-            share = at[..., axis] / spacing
-            pixel = np.abs(np.gradient(share, axis=0)) + np.abs(np.gradient(share, axis=1)) + 1e-12
-            distance = np.abs(share - np.round(share))
-            cover = np.clip((0.006 + 0.5 * pixel - distance) / pixel, 0.0, 1.0) * np.clip(2.0 - 4.0 * pixel, 0.0, 1.0)
-            lines = np.maximum(lines, cover)
-        plane, line, haze, sky = colours
-        colour = plane + lines[..., None] * (line - plane)
-        far = 1.0 - np.exp(-((np.where(hit, depth, 0.0) / (4.0 * reach)) ** 2))
-        colour = colour + far[..., None] * (haze - colour)
-        rise = np.clip(slope / np.linalg.norm(rays, axis=-1) / 0.4, 0.0, 1.0)[..., None]
-        colour = np.where(hit[..., None], colour, haze + rise * (sky - haze))
-        nearness = np.where(hit, 1.0 / np.where(hit, depth, 1.0), 0.0)
-        fine = np.repeat(np.repeat(colour, 2, axis=0), 2, axis=1)[: self.height, : self.width]
-        self.colours[:] = fine.reshape(-1, 3)
-        self.nearness[:] = np.repeat(np.repeat(nearness, 2, axis=0), 2, axis=1)[: self.height, : self.width].ravel()
+        depth, steep = np.where(hit, depth, 0.0), np.where(hit, slope, 1.0)
+        lines = np.zeros(hit.shape, dtype=np.float32)
+        for k, ray in enumerate((ahead, left)):
+            share = (eye[k] + depth * ray) / spacing
+            lean = ray / steep
+            pixel = np.abs(axes[0, k] - lean * axes[0, 2]) + np.abs(axes[1, k] - lean * axes[1, 2])  # that a pixel covers
+            pixel = pixel * (depth * np.float32(2.0 / self.scale / spacing)) + np.float32(1e-9)
+            cover = np.clip((0.006 + 0.5 * pixel - np.abs(share - np.rint(share))) / pixel, 0.0, 1.0)
+            np.maximum(lines, cover * np.clip(2.0 - 4.0 * pixel, 0.0, 1.0), out=lines)
+        far = 1.0 - np.exp(-((depth / np.float32(4.0 * reach)) ** 2))
+        rise = np.clip(slope / np.sqrt(x * x + y * y + 1.0) / 0.4, 0.0, 1.0)
+        colour = np.empty((*hit.shape, 3), dtype=np.float32)
+        for k, (plane, line, haze, sky) in enumerate(zip(*colours, strict=True)):
+            on = plane + lines * np.float32(line - plane)
+            colour[..., k] = np.where(hit, on + far * (haze - on), haze + rise * np.float32(sky - haze))
+        self._spread(colour, self.colours)
+        self._spread(np.where(hit, 1.0 / np.where(hit, depth, 1.0), 0.0)[..., None], self.nearness)
+
+    def _spread(self, coarse: Any, fine: Any) -> None:
+        """Put an image of half the resolution into a fine one."""
+        fine.shape = (self.height, self.width, -1)
+        for row in (0, 1):
+            for column in (0, 1):
+                part = fine[row::2, column::2]
+                part[:] = coarse[: part.shape[0], : part.shape[1]]
+        fine.shape = (self.height * self.width, 3) if coarse.shape[-1] == 3 else (self.height * self.width,)
 
     def shadows(self, triangles: Array, colour: Array) -> None:
         """Colour what triangles (n, 3, 3) on the ground cover; to be called before anything stands on it."""
         for pixels, *_ in self._fragments(triangles):
             self.colours[pixels] = colour
 
-    def triangles(self, triangles: Array, colours: Array, lift: float = 0.0) -> None:
-        """Paint triangles (n, 3, 3) with colours at their corners (n, 3, 3), the nearest in front; `lift` favours them."""
+    def triangles(self, triangles: Array, colours: Array, lift: float | Array = 0.0) -> None:
+        """Paint triangles (n, 3, 3) with colours at their corners (n, 3, 3), the nearest in front; `lift` (n) favours them."""
+        favour = np.broadcast_to(1.0 + np.asarray(lift), len(triangles))
         for pixels, which, weights, nearness in self._fragments(triangles):
-            nearness = nearness * (1.0 + lift)
-            front = nearness > self.nearness[pixels]
-            pixels, which, weights, nearness = pixels[front], which[front], weights[front], nearness[front]
-            order = np.argsort(nearness, kind="stable")  # of several on one pixel the last one stays
-            pixels = pixels[order]
-            self.colours[pixels] = np.einsum("ij,ijk->ik", weights[order], colours[which[order]])
-            self.nearness[pixels] = nearness[order]
+            nearness = (nearness * favour[which]).astype(np.float32)
+            np.maximum.at(self.nearness, pixels, nearness)
+            front = nearness == self.nearness[pixels]
+            pixels, which, weights = pixels[front], which[front], weights[:, front]
+            corners = colours[which]
+            self.colours[pixels] = sum(weights[k][:, None] * corners[:, k] for k in range(3))
 
     def lines(self, lines: Array, colour: Array, width: float) -> None:
         """Paint lines (n, 2, 3), some pixels wide, as bands that face the camera."""
@@ -126,50 +140,55 @@ class Canvas:
         self.triangles(bands, np.broadcast_to(colour, (*bands.shape[:2], 3)), 1e-3)
 
     def _fragments(self, triangles: Array) -> Iterator[tuple[Whole, Whole, Array, Array]]:
-        """Pixels that triangles cover, some rows at a time: pixel, triangle, weights of the corners, nearness."""
+        """Pixels that triangles cover, some rows at a time: pixel, triangle, weights of the corners, nearness.
+
+        Corners are columns: numpy is slow along an axis of three.
+        """
         seen = self.camera.see(triangles)
-        ahead = np.flatnonzero((seen[..., 2] > NEAR).all(axis=1))
-        near = 1.0 / seen[ahead][..., 2]
-        flat = seen[ahead][..., :2] * near[..., None] * self.scale * [1.0, -1.0] + [self.width / 2 - 0.5, self.height / 2 - 0.5]
-        a, b, c = flat[:, 0], flat[:, 1], flat[:, 2]
-        area = _cross(b - a, c - a)
-        low = np.clip(np.ceil(flat[..., 1].min(axis=1)), 0, self.height).astype(int)
-        high = np.clip(np.floor(flat[..., 1].max(axis=1)), -1, self.height - 1).astype(int)
-        rows = np.where(np.abs(area) > 1e-9, np.maximum(high - low + 1, 0), 0)
+        depth = seen[..., 2]
+        ahead = np.flatnonzero((depth[:, 0] > NEAR) & (depth[:, 1] > NEAR) & (depth[:, 2] > NEAR))
+        near = 1.0 / depth[ahead].T
+        x = seen[ahead, :, 0].T * near * self.scale + (self.width / 2 - 0.5)
+        y = seen[ahead, :, 1].T * near * -self.scale + (self.height / 2 - 0.5)
+        area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
+        low = np.clip(np.ceil(np.minimum(np.minimum(y[0], y[1]), y[2])), 0, self.height).astype(int)
+        high = np.clip(np.floor(np.maximum(np.maximum(y[0], y[1]), y[2])), -1, self.height - 1).astype(int)
+        left, right = np.minimum(np.minimum(x[0], x[1]), x[2]), np.maximum(np.maximum(x[0], x[1]), x[2])
+        shown = (np.abs(area) > 1e-9) & (right >= 0.0) & (left <= self.width - 1.0)
+        rows = np.where(shown, np.maximum(high - low + 1, 0), 0)
         # edge k is opposite corner k; its weight (slope_x x + slope_y y + rest) is 1 there and 0 on the edge
-        starts, ends = np.stack([b, c, a], axis=1), np.stack([c, a, b], axis=1)
+        starts, ends = [1, 2, 0], [2, 0, 1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope_x = -(ends - starts)[..., 1] / area[:, None]
-            slope_y = (ends - starts)[..., 0] / area[:, None]
-            rest = -(slope_x * starts[..., 0] + slope_y * starts[..., 1])
+            slope_x, slope_y = -(y[ends] - y[starts]) / area, (x[ends] - x[starts]) / area
+            rest = -(slope_x * x[starts] + slope_y * y[starts])
         stops = np.concatenate([[0], np.cumsum(rows)])
         first = 0
         while first < len(rows):
             last = max(first + 1, int(np.searchsorted(stops, stops[first] + ROWS, side="right")) - 1)
             which = np.repeat(np.arange(first, last), rows[first:last])
-            y = low[which] + np.arange(len(which)) - np.repeat(stops[first:last] - stops[first], rows[first:last])
-            yield from self._spans(which, y, slope_x, slope_y, rest, near, ahead)
+            line = low[which] + np.arange(len(which)) - np.repeat(stops[first:last] - stops[first], rows[first:last])
+            yield from self._spans(which, line, slope_x, slope_y, rest, near, ahead)
             first = last
 
     def _spans(
         self, which: Whole, y: Whole, slope_x: Array, slope_y: Array, rest: Array, near: Array, ahead: Whole
     ) -> Iterator[tuple[Whole, Whole, Array, Array]]:
         """Pixels of triangles on rows: between where the weights of all corners are positive."""
-        lean, base = slope_x[which], slope_y[which] * y[:, None] + rest[which]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            zero = -base / lean
-        left = np.where(lean > 0.0, zero, np.where((lean == 0.0) & (base < 0.0), np.inf, -np.inf)).max(axis=1, initial=0.0)
-        right = np.where(lean < 0.0, zero, np.inf).min(axis=1, initial=self.width - 1.0)
+        lean, base = slope_x[:, which], slope_y[:, which] * y + rest[:, which]
+        left, right = np.zeros(len(which)), np.full(len(which), self.width - 1.0)
+        for k in range(3):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                zero = -base[k] / lean[k]
+            never = np.where((lean[k] == 0.0) & (base[k] < 0.0), np.inf, -np.inf)
+            np.maximum(left, np.where(lean[k] > 0.0, zero, never), out=left)
+            np.minimum(right, np.where(lean[k] < 0.0, zero, np.inf), out=right)
         left, right = np.ceil(np.minimum(left, self.width)).astype(int), np.floor(np.maximum(right, -1.0)).astype(int)
         count = np.maximum(right - left + 1, 0)
         if not count.sum():
             return
         row = np.repeat(np.arange(len(which)), count)
         x = np.repeat(left - np.cumsum(count) + count, count) + np.arange(len(row))
-        weights = (lean[row] * x[:, None] + base[row]) * near[which[row]]
-        nearness = weights.sum(axis=1)
-        yield y[row] * self.width + x, ahead[which[row]], weights / nearness[:, None], nearness
-
-
-def _cross(first: Array, second: Array) -> Array:
-    return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
+        owner = which[row]
+        weights = [(lean[k][row] * x + base[k][row]) * near[k][owner] for k in range(3)]
+        nearness = weights[0] + weights[1] + weights[2]
+        yield y[row] * self.width + x, ahead[owner], np.array(weights) / nearness, nearness

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from vlmb.errors import VlmbError
 from vlmb.views import shapes
-from vlmb.views.appearance import FLOOR, FLOOR_LINES, SNOW, SNOW_LINES
+from vlmb.views.appearance import DARK, FLOOR, FLOOR_LINES, LIGHT, SNOW, SNOW_LINES, Theme
 from vlmb.views.shapes import Lines, Mesh
 from vlmb.views.visual_model import VIEW_FROM, Body, Scenery
 
@@ -27,24 +27,28 @@ ROOT = "/vlmb"
 STILL = 1e-7  # a track that varies less than this [m, 1] is a constant
 
 
-def page(scenery: Scenery, speed: float = 1.0, start: float = 0.0) -> str:
+def page(scenery: Scenery, speed: float = 1.0, start: float = 0.0, until: float | None = None) -> str:
     """Return the HTML text of a scenery; it refers to nothing outside itself.
 
+    `until` [s]: a motion that is still being computed and lasts so long; the page asks its server for more.
     Raises VlmbError when meshcat is not installed.
     """
-    script, packb = _meshcat(), _msgpack().packb
-    blocks = "\n".join(
-        f'<script type="application/octet-stream">{base64.b64encode(packb(command)).decode("ascii")}</script>'
-        for command in commands(scenery)
-    )
+    script = _meshcat()
+    blocks = "\n".join(f'<script type="application/octet-stream">{text}</script>' for text in packed(scenery))
     values = {
         "TITLE": html.escape(scenery.name),
-        "INFO": json.dumps(_info(scenery, speed, start)).replace("<", "\\u003c"),
+        "INFO": json.dumps(facts(scenery, speed, start, until)).replace("<", "\\u003c"),
         "BLOCKS": blocks,
         "MESHCAT": script,
     }
     template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
     return re.sub("@([A-Z]+)@", lambda found: values[found[1]], template)
+
+
+def packed(scenery: Scenery) -> list[str]:
+    """Return the commands that draw a scenery as text."""
+    packb = _msgpack().packb
+    return [base64.b64encode(packb(command)).decode("ascii") for command in commands(scenery)]
 
 
 def commands(scenery: Scenery) -> list[dict[str, Any]]:
@@ -70,17 +74,30 @@ def commands(scenery: Scenery) -> list[dict[str, Any]]:
     return made
 
 
-def _info(scenery: Scenery, speed: float, start: float) -> dict[str, Any]:
-    distance = 2.6 * scenery.radius
-    view = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM) * distance
+def facts(scenery: Scenery, speed: float = 1.0, start: float = 0.0, until: float | None = None) -> dict[str, Any]:
+    """Return what the page's script has to know of a scenery."""
+    view = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM)
     up = scenery.turn @ np.array([0.0, 0.0, 1.0])
+    duration = float(scenery.t[-1] - scenery.t[0])
     return {
-        "duration": float(scenery.t[-1] - scenery.t[0]), "begin": float(scenery.t[0]), "frames": len(scenery.t),
-        "speed": speed, "start": start, "view": view.tolist(), "normal": up.tolist(), "ground": scenery.ground.height,
-        "radius": scenery.radius, "reach": scenery.ground.half,
+        "duration": duration, "whole": duration if until is None else until, "begin": float(scenery.t[0]),
+        "frames": len(scenery.t), "live": until is not None,
+        "speed": speed, "start": start, "view": view.tolist(), "distance": 2.6 * scenery.radius, "normal": up.tolist(),
+        "ground": scenery.ground.height, "radius": scenery.radius, "reach": scenery.ground.half,
+        "leads": "ski" if any(body.path == "ski" for body in scenery.bodies) else "ground",
         "grows": [[body.path, min(body.keeps, 1e9)] for body in scenery.bodies if body.grows],
         "shadows": [body.path for body in scenery.bodies if body.shadow and body.shape is not None],
+        "themes": {name: _theme(scenery, theme) for name, theme in (("light", LIGHT), ("dark", DARK))},
     }  # fmt: skip
+
+
+def _theme(scenery: Scenery, theme: Theme) -> dict[str, Any]:
+    """Colours of the surroundings, by day or by night; a body keeps its own unless the night would hide it."""
+    plane, lines = (theme.snow, theme.snow_lines) if scenery.ground.snow else (theme.floor, theme.floor_lines)
+    colours = {"ground": plane, "ground/lines": lines}
+    colours |= {body.path: theme.changed.get(body.colour, body.colour) for body in scenery.bodies if body.colour in DARK.changed}
+    sky, haze = ([int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (theme.sky, theme.haze))
+    return {"sky": sky, "haze": haze, "shadow": theme.shadow, "sun": theme.sun, "ambient": theme.ambient, "colours": colours}
 
 
 def _tracks(body: Body, t: Array) -> list[dict[str, Any]]:

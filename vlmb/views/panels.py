@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vlmb.model.layout import Coordinate
 from vlmb.simulation.trajectory import Trajectory
-from vlmb.views.style import Series, draw, finish, legend_beside, new_figure
+from vlmb.views.style import Series, align, draw, finish, legend_beside, new_figure, reveal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,18 +25,28 @@ def stacked(
     runs: Sequence[Trajectory], title: str, panels: Sequence[Panel], labels: Sequence[str] | None,
     heights: Sequence[float] | None = None, by_link: bool = True, zero_line: Sequence[str] = (), legends_above: bool = False,
 ) -> Figure:  # fmt: skip
-    """Draw panels over a common time axis."""
-    figure = new_figure(runs, 9.0, 1.0 + 1.9 * (sum(heights) if heights else len(panels)), title)
+    """Draw panels over a common time axis; a legend above that all panels share is drawn once."""
+    listed = max(sum(line.label.count("\n") + 1 for line in lines) for _, lines in panels) if legends_above else 0
+    figure = new_figure(runs, 9.0, 1.0 + 0.08 * listed + 1.9 * (sum(heights) if heights else len(panels)), title)
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for ax, (name, lines) in zip(axes, panels, strict=True):
         links = None if by_link else 1 + max((line.link for line in lines), default=0)
         draw(ax, runs, lines, links=links, by_run=all(len(entries) == 1 for _, entries in panels))
         ax.set_ylabel(name)
         if name.startswith(tuple(zero_line)) and zero_line:
-            ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5)
-        legend_beside(ax, above=legends_above)
+            ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5, label="_")
+        if len(runs) == 1 and not legends_above:
+            reveal(ax)
+    fullest = max(range(len(panels)), key=lambda k: len(panels[k][1]))
+    known = {line.label for line in panels[fullest][1]}
+    shared = legends_above and all({line.label for line in lines} <= known for _, lines in panels)
+    for k, ax in enumerate(axes):
+        if not shared:
+            legend_beside(ax, above=legends_above)
+        elif k == 0:
+            legend_beside(ax, above=True, of=axes[fullest])
     axes[-1].set_xlabel("$t$ [s]")
-    figure.align_ylabels()
+    align(figure.axes)
     return finish(figure, runs, labels, by_link)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import gc
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError, nearest
-from vlmb.model.names import force_symbol, panel_label, quantity_of, short
-from vlmb.simulation.files import replacing
+from vlmb.model.names import force_symbol, panel_label, quantity_of
 from vlmb.views.data_plots import data
 from vlmb.views.panels import (
     ZERO,
@@ -27,14 +26,28 @@ from vlmb.views.panels import (
 )
 from vlmb.views.paths import Runs, listed, path
 from vlmb.views.programme_plots import deviations, power, strengths
-from vlmb.views.style import Series, calm, draw, empty_figure, finish, legend_beside, new_figure, style, styled
+from vlmb.views.style import (
+    Series,
+    align,
+    calm,
+    decades,
+    draw,
+    empty_figure,
+    finish,
+    legend_beside,
+    new_figure,
+    reveal,
+    style,
+    styled,
+    whole,
+    write,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
-DPI = 130
 KINDS = (("x", "y", "z"), ("phi0", "phi"), ("psi",), ("xi",))
 
 
@@ -55,10 +68,12 @@ def coordinates(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure
             draw(ax, runs, series, by_run=all(len(entries) == 1 for entries in groups))
             ax.set_ylabel(panel_label(quantity_of(c, dot) for c in group))
             calm(ax)
+        if len(runs) == 1:
+            reveal(*row)
         legend_beside(row[1])
     for ax in axes[-1]:
         ax.set_xlabel("$t$ [s]")
-    figure.align_ylabels()
+    align(figure.axes)
     return finish(figure, runs, labels)
 
 
@@ -84,7 +99,7 @@ def residuals(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     panels: list[Panel] = []
     for level in ("position", "velocity"):
         lines = [
-            Series("knife edge" if name == "knife_edge" else short(name), i, residual_reader(name, level))
+            Series("knife edge" if name == "knife_edge" else whole(name), i, residual_reader(name, level))
             for i, name in enumerate(names)
         ]
         lines = [line for line in lines if any(line.read(run) is not None for run in runs)]
@@ -94,10 +109,9 @@ def residuals(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
         return empty_figure(runs, "Residuals", "the scene has no constraints")
     figure = stacked(runs, "Constraint residuals", panels, labels, by_link=False, legends_above=True)
     for ax in figure.axes:
-        ax.set_yscale("log")
         values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
         low, high = float(values.min()), float(values.max())
-        ax.set_ylim(10 ** np.floor(np.log10(low) - 0.2), 10 ** np.ceil(np.log10(high) + 0.2))
+        decades(ax, low, high)
         if low == ZERO:
             ax.axhline(ZERO, color="#bbbbbb", linewidth=0.8, zorder=0.5)
             where: tuple[str, str] = ("axes fraction", "data")
@@ -116,7 +130,7 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 
     def lines(which: Iterable[str]) -> list[Series]:
         return [
-            Series(name.replace("_", " ") if name in names[:4] else short(name), i - 1, mapped_reader("reactions", name))
+            Series(name.replace("_", " ") if name in names[:4] else whole(name, 40), i - 1, mapped_reader("reactions", name))
             for i, name in enumerate(which)
         ]
 
@@ -149,7 +163,7 @@ def controls(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     forces = [name for name in names if name not in moments]
     panels: list[Panel] = []
     for what, group, newton in (("force", forces, "N"), ("moment", moments, "N m")):
-        lines = [Series(force_symbol(name), names.index(name), mapped_reader("controls", name)) for name in group]
+        lines = [Series(force_symbol(name), k, mapped_reader("controls", name)) for k, name in enumerate(group)]
         panels += [(f"{force_symbol(group[0]) if len(group) == 1 else what} [{newton}]", lines)] if group else []
     return stacked(runs, "Controls", panels, labels, by_link=False)
 
@@ -200,15 +214,18 @@ def save_all(
             raise VlmbError(f"no plot {name!r}; {nearest(name, PLOTS)}")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in wanted:
-        figure = PLOTS[name](runs, labels)
-        if not figure.axes:
-            if only is not None:
+    written: list[Path] = []
+    collects = gc.isenabled()
+    gc.disable()  # a figure is thousands of small things that live until it is written
+    try:
+        for name in wanted:
+            figure = PLOTS[name](runs, labels)
+            if figure.axes:
+                with style():
+                    written.append(write(figure, folder / f"{name}.png"))
+            elif only is not None:
                 raise VlmbError(f"the plot {name!r} would be empty: {figure.texts[-1].get_text()}")
-            continue
-        with style(), replacing(folder / f"{name}.png") as file, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph")  # a letter of a name that the font does not have
-            figure.savefig(file, dpi=DPI, format="png")
-        written.append(folder / f"{name}.png")
+    finally:
+        if collects:
+            gc.enable()
     return written

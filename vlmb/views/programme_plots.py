@@ -8,19 +8,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.model.names import force_symbol, plain, short
-from vlmb.scene.rows import rows_of
+from vlmb.model.names import force_symbol, plain
+from vlmb.scene.rows import Row, rows_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.biomechanics import STRENGTHS, both_legs, joint_moments
 from vlmb.views.panels import ZERO, Panel, power_reader, stacked, work_reader
 from vlmb.views.paths import Runs, listed
-from vlmb.views.style import DASHES, GREY, PALETTE, Series, draw, empty_figure, finish, legend_beside, new_figure, styled
+from vlmb.views.style import (
+    DASHES,
+    GREY,
+    PALETTE,
+    Series,
+    align,
+    decades,
+    draw,
+    empty_figure,
+    finish,
+    legend_beside,
+    new_figure,
+    styled,
+    whole,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
+PAIRED = 4  # rows drawn as they are and by size; of more the size alone
 MOST = 6  # controls drawn in a panel
 
 
@@ -31,23 +47,52 @@ def deviations(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     rows = {row.name: row for run in runs for row in rows_of(run.scene).servo}
     if not rows:
         return empty_figure(runs, "Deviations", "the scene has no programme")
+    if len(rows) > PAIRED:
+        return _sizes(runs, list(rows.values()), labels)
     figure = new_figure(runs, 10.5, 1.2 + 2.1 * len(rows), "Deviations from the programme")
     axes = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
     for pair, row in zip(axes, rows.values(), strict=True):
         for ax, size in zip(pair, (False, True), strict=True):
             draw(ax, runs, [Series("_", 0, error_reader(row.name, size))], by_run=True)
-            ax.set_ylabel("|deviation|" if size else "deviation")
-        title = f"{row.name}: {row.equation}" if row.named else row.equation
-        pair[0].set_title(short(title, 75), loc="left", fontsize=8)
+            ax.set_ylabel(f"{'|deviation|' if size else 'deviation'}\n[unit of the row]")
+        pair[0].set_title(_title(row, 78), loc="left", fontsize=8)
         pair[0].axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5)
-        pair[1].set_yscale("log")
-        sizes = np.concatenate([np.asarray(line.get_ydata(), float) for line in pair[1].lines])
-        low, high = np.percentile(sizes, 2.0), sizes.max()
-        pair[1].set_ylim(10 ** np.floor(np.log10(low) - 0.2), 10 ** np.ceil(np.log10(high) + 0.2))
+        _log(pair[1])
     for ax in axes[-1]:
         ax.set_xlabel("$t$ [s]")
-    figure.align_ylabels()
+    align(figure.axes)
     return finish(figure, runs, labels, by_link=False)
+
+
+def _sizes(runs: Sequence[Trajectory], rows: Sequence[Row], labels: Sequence[str] | None) -> Figure:
+    """Draw the sizes of the deviations from many rows, a small panel each, so that a screen holds them."""
+    columns = 3 if len(rows) <= 15 else 4
+    high = -(-len(rows) // columns)
+    figure = new_figure(runs, 13.0, 1.2 + 1.5 * high, "Size of the deviations from the programme [unit of the row]")
+    places: dict[str, float] = {}
+    if len(runs) == 1:  # panels of one kind need no measuring
+        figure.set_layout_engine("none")
+        places = {"left": 0.05, "right": 0.98, "top": 0.89, "bottom": 0.07, "hspace": 0.58, "wspace": 0.17}
+    grid = figure.add_gridspec(high, columns, **places)
+    for k, row in enumerate(rows):
+        ax = figure.add_subplot(grid[k // columns, k % columns])
+        draw(ax, runs, [Series("_", 0, error_reader(row.name, True))], by_run=True)
+        ax.set_title(_title(row, 198 // columns), loc="left", fontsize=7)
+        _log(ax)
+        if k + columns >= len(rows):
+            ax.set_xlabel("$t$ [s]")
+        else:
+            ax.tick_params(labelbottom=False)
+    return finish(figure, runs, labels, by_link=False)
+
+
+def _title(row: Row, width: int) -> str:
+    return whole(f"{row.name}: {row.equation}" if row.named else row.equation, width)
+
+
+def _log(ax: Axes) -> None:
+    sizes = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
+    decades(ax, float(np.percentile(sizes, 2.0)), float(sizes.max()))
 
 
 def error_reader(name: str, size: bool) -> Callable[[Trajectory], Array | None]:
@@ -124,7 +169,7 @@ def strengths(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
         "$t$ [s]\nmoments about the ski's left, positive forwards; sideways: to its right, no strength quoted\n"
         "strengths: isometric, best angle, men of 18 to 25 years, mean and standard deviation (Anderson et al. 2007)"
     )
-    figure.align_ylabels()
+    align(figure.axes)
     return finish(figure, runs, labels, by_link=False)
 
 

@@ -65,6 +65,53 @@ def tube(radius: float) -> Mesh:
     return revolve([(0.0, 0.0), (0.0, radius), (1.0, radius), (1.0, 0.0)], sides=16)._replace(flat=True)
 
 
+def bellows(radius: float, wide: float = 1.0, deep: float = 1.0, folds: int = 4) -> Mesh:
+    """Return a folded sleeve from x = 0 to 1; a scale along x makes it a segment, and shows how far it is stretched."""
+    profile = [(0.0, 0.0)]
+    for fold in range(folds):
+        profile += [(fold / folds, 0.78 * radius), ((fold + 0.5) / folds, radius)]
+    return revolve([*profile, (1.0, 0.78 * radius), (1.0, 0.0)], wide, deep, 16)._replace(flat=True)
+
+
+def ellipsoid(radius: float, wide: float, deep: float) -> Mesh:
+    """Return a ball that is stretched along y and z."""
+    return ball(radius)._replace(vertices=ball(radius).vertices * np.array([1.0, wide, deep]))
+
+
+def torso(length: float, radius: float, wide: float, deep: float) -> Mesh:
+    """Return a trunk from the waist at x = 0 to the shoulders at `length`."""
+    along = (0.0, 0.0, 0.12, 0.35, 0.6, 0.78, 0.9, 0.97, 1.0, 1.03)
+    across = (0.0, 0.76, 0.84, 0.84, 0.98, 1.0, 0.9, 0.68, 0.42, 0.0)
+    return revolve([(x * length, r * radius) for x, r in zip(along, across, strict=True)], wide, deep)
+
+
+def barrel(length: float, radius: float, wide: float, deep: float) -> Mesh:
+    """Return a block of a trunk from x = 0 to `length`."""
+    along, across = (0.0, 0.0, 0.1, 0.5, 0.9, 1.0, 1.0), (0.0, 0.8, 0.93, 1.0, 0.95, 0.86, 0.0)
+    return revolve([(x * length, r * radius) for x, r in zip(along, across, strict=True)], wide, deep)
+
+
+def boot(length: float, height: float, half: float) -> Mesh:
+    """Return a boot that stands on z = 0: its heel at x = 0, its toes at x = `length`."""
+    along, across = (0.0, 0.0, 0.3, 0.7, 0.95, 1.0, 1.0), (0.0, 0.7, 0.95, 1.0, 0.75, 0.3, 0.0)
+    sole = revolve([(x * length, r * half) for x, r in zip(along, across, strict=True)])
+    shaft = limb(1.6 * height, 0.9 * half)
+    x, y, z = shaft.vertices.T
+    turned = shaft._replace(vertices=np.column_stack([0.35 * length - z, y, x]))
+    return join([moved(sole, (0.0, 0.0, 0.8 * half)), turned])
+
+
+def between(start: Array, end: Array, radius: float) -> Mesh:
+    """Return a limb between two points."""
+    length = float(np.linalg.norm(end - start))
+    x = (end - start) / length
+    side = np.cross([0.0, 0.0, 1.0] if abs(x[2]) < 0.9 else [0.0, 1.0, 0.0], x)
+    side /= np.linalg.norm(side)
+    turned = np.column_stack([x, side, np.cross(x, side)])
+    mesh = limb(length, radius)
+    return mesh._replace(vertices=mesh.vertices @ turned.T + start)
+
+
 def arrow(length: float) -> Mesh:
     """Return an arrow from the origin to x = `length`."""
     shaft, head = 0.02 * length, 0.06 * length

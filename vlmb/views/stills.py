@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +20,18 @@ from vlmb.views.appearance import FLOOR, FLOOR_LINES, SNOW, SNOW_LINES
 from vlmb.views.canvas import SUN, Camera, Canvas
 from vlmb.views.shapes import Lines, Mesh
 from vlmb.views.style import not_there
-from vlmb.views.visual_model import VIEW_FROM, Scenery
+from vlmb.views.visual_model import VIEW_FROM, Body, Scenery
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 Array = NDArray[np.float64]
 SKY, HAZE, SHADE = "#a9cae6", "#eef4f9", "#bccbd8"
-FINER = 2  # pictures are painted larger by this and then reduced
+APART = 2.4  # radii from one earlier posture to the next
+PAINTERS = min(4, os.cpu_count() or 1)
+MOST_KEPT = 400
+_kept: dict[int, tuple[Array, Array]] = {}  # vertices of a mesh and its normals
+FINER = 2  # pictures are painted larger by this and then halved
 PALE = 0.4  # strength of the colours of earlier postures
 MAX_GHOSTS = 1000
 MAX_PIXELS = 4096 * 4096  # of a picture
@@ -32,31 +39,84 @@ MAX_PICTURES = 10_000  # of a film
 MAX_GIF = 2_000_000_000  # pixels of all pictures of a GIF, which is made as a whole
 
 
+class Shot(NamedTuple):
+    """Where the camera stands, as the surface sees it; None: beside the end of a way, or where the browser's stands."""
+
+    azimuth: float | None = None  # [deg] of the direction to the camera from the fall line (x), counter-clockwise from above
+    elevation: float | None = None  # [deg] above the surface
+    zoom: float = 1.0
+    follow: bool | None = None  # films: go along (default); stills: the last posture alone fills the picture
+    side: bool = False  # from the right of the way
+
+    def direction(self, scenery: Scenery, frames: list[int]) -> Array | None:
+        """Direction (3,) to the camera in the viewer's world; None: to be chosen."""
+        if self.azimuth is None and self.elevation is None and not self.side:
+            return None
+        turn, azimuth = scenery.turn, self.azimuth
+        if azimuth is None and self.side:
+            azimuth = math.degrees(_heading(scenery, frames[-1])) - 90.0
+        elevation = self.elevation if self.elevation is not None else 8.0 if self.side else 20.0
+        if azimuth is None:
+            usual = turn.T @ np.array(VIEW_FROM)
+            azimuth = math.degrees(math.atan2(usual[1], usual[0]))
+        a, e = math.radians(azimuth), math.radians(min(elevation, 89.0))
+        return np.asarray(turn @ np.array([math.cos(a) * math.cos(e), math.sin(a) * math.cos(e), math.sin(e)]))
+
+    def checked(self) -> Shot:
+        """Raise VlmbError for what no camera can do; else return it."""
+        if not 0.0 < self.zoom < 100.0:
+            raise VlmbError(f"zoom {self.zoom:g}: must be above 0 and below 100")
+        if self.elevation is not None and not 0.0 < self.elevation <= 90.0:
+            raise VlmbError(f"elevation {self.elevation:g} deg: must be above 0 (under the snow nothing is seen) and at most 90")
+        if self.azimuth is not None and not abs(self.azimuth) <= 360.0:
+            raise VlmbError(f"azimuth {self.azimuth:g} deg: must be between -360 and 360")
+        return self
+
+
 def still(
     scenery: Scenery, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
-    since: float | None = None, view_from: Sequence[float] | None = None,
+    since: float | None = None, view_from: Sequence[float] | None = None, shot: Shot | None = None,
 ) -> Image:  # fmt: skip
     """Paint the scenery at a time [s] (default: its end), with the track so far and, paler, postures since an earlier time.
 
-    Raises VlmbError when pillow is not installed.
+    Without `since` the earlier postures stand so near that they fill the picture. Raises VlmbError when pillow is not installed.
     """
-    pillow = _pillow()
+    pillow, shot = _pillow(), (shot or Shot()).checked()
     if not 0 <= ghosts <= MAX_GHOSTS:
         raise VlmbError(f"ghosts = {ghosts}: earlier postures in a still are 0 to {MAX_GHOSTS}")
     _require_size(size)
     last = scenery.frame_at(float(scenery.t[-1]) if time is None else time)
-    first = 0 if since is None else scenery.frame_at(since)
+    first = _near(scenery, last, ghosts) if since is None else scenery.frame_at(since)
     frames = [*dict.fromkeys(np.linspace(first, last, ghosts + 1).astype(int).tolist()[:-1]), last] if ghosts else [last]
-    follows = float(np.ptp(scenery.focus, axis=0).max()) > 0.0
-    points = _everything(scenery, frames if follows else [*dict.fromkeys(np.linspace(0, last, 25).astype(int).tolist())])
-    direction = np.array(_ahead(scenery, frames) if view_from is None else view_from, float)
-    camera = Camera.around(points, direction, size[0] / size[1])
-    return _reduce(pillow, _paint(scenery, frames, camera, size), size)
+    moves = float(np.ptp(scenery.focus, axis=0).max()) > 0.0
+    shown = frames if moves else [*dict.fromkeys(np.linspace(0, last, 25).astype(int).tolist())]
+    points = _everything(scenery, [last] if shot.follow else shown)
+    found = shot.direction(scenery, frames) if view_from is None else np.array(view_from, float)
+    direction = np.array(_ahead(scenery, frames), float) if found is None else found
+    camera = Camera.around(points, direction, size[0] / size[1])._replace(zoom=shot.zoom)
+    return _reduce(pillow, _paint(scenery, frames, camera, size))
+
+
+def _near(scenery: Scenery, last: int, ghosts: int) -> int:
+    """Frame from which on `ghosts` earlier postures stand at most some sizes apart."""
+    steps = np.linalg.norm(np.diff(scenery.focus[: last + 1], axis=0), axis=1)
+    behind = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+    return int(np.argmax(behind <= APART * scenery.radius * ghosts))
+
+
+def _heading(scenery: Scenery, frame: int) -> float:
+    """Angle [rad] of the ski, or of the way, from the fall line."""
+    ahead = scenery.poses(frame).get("ski", np.eye(4))[:3, 0]
+    if not any(body.path == "ski" for body in scenery.bodies):
+        ahead = scenery.focus[-1] - scenery.focus[0]
+        ahead = ahead if math.hypot(ahead[0], ahead[1]) > scenery.radius else np.array([1.0, 0.0, 0.0])
+    return math.atan2(ahead[1], ahead[0])
 
 
 def animation(
-    scenery: Scenery, path: str | Path, size: tuple[int, int] = (480, 320), fps: float = 20.0, speed: float = 1.0
-) -> Path:
+    scenery: Scenery, path: str | Path, size: tuple[int, int] = (480, 320), fps: float = 20.0, speed: float = 1.0,
+    shot: Shot | None = None,
+) -> Path:  # fmt: skip
     """Write a film that plays at `speed` times real time: an animated GIF, or MP4 where the name ends so.
 
     Raises VlmbError when pillow, or PyAV for MP4, is not installed.
@@ -65,7 +125,7 @@ def animation(
     count = pictures_of(float(scenery.t[-1] - scenery.t[0]), fps, speed)
     if not as_mp4 and count * size[0] * size[1] > MAX_GIF:
         raise VlmbError(f"a GIF of {count} pictures of {size[0]} x {size[1]} is too large: write an MP4, or lower fps or size")
-    pictures = movie(scenery, size, fps, speed)
+    pictures = movie(scenery, size, fps, speed, shot)
     with replacing(path) as file:
         if as_mp4:
             _mp4(pictures, file, fps)
@@ -104,7 +164,8 @@ def _mp4(pictures: Iterator[Image], path: Path, fps: float) -> None:
     except ImportError as error:
         raise VlmbError(f"{not_there('an MP4 needs PyAV', 'av', 'film', error)}; a GIF does without") from None
     with av.open(str(path), "w", format="mp4") as film:
-        stream = film.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000), options={"crf": "20"})
+        options = {"crf": "20", "preset": "veryfast"}
+        stream = film.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000), options=options)
         for k, picture in enumerate(pictures):
             if k == 0:
                 stream.width, stream.height = picture.width // 2 * 2, picture.height // 2 * 2
@@ -113,25 +174,44 @@ def _mp4(pictures: Iterator[Image], path: Path, fps: float) -> None:
         film.mux(stream.encode())
 
 
-def frames(scenery: Scenery, folder: str | Path, size: tuple[int, int] = (960, 600), fps: float = 30.0) -> list[Path]:
+def frames(
+    scenery: Scenery, folder: str | Path, size: tuple[int, int] = (960, 600), fps: float = 30.0, shot: Shot | None = None
+) -> list[Path]:
     """Write one PNG a frame into a folder: frame_00000.png, ..."""
     folder = Path(folder)
     pictures_of(float(scenery.t[-1] - scenery.t[0]), fps)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for number, picture in enumerate(movie(scenery, size, fps)):
+    for number, picture in enumerate(movie(scenery, size, fps, shot=shot)):
         written.append(save_still(picture, folder / f"frame_{number:05d}.png"))
     return written
 
 
-def movie(scenery: Scenery, size: tuple[int, int], fps: float, speed: float = 1.0) -> Iterator[Image]:
-    """Paint pictures at even times, through a camera that follows what moves."""
+def movie(
+    scenery: Scenery, size: tuple[int, int], fps: float, speed: float = 1.0, shot: Shot | None = None
+) -> Iterator[Image]:
+    """Paint pictures at even times, through a camera that follows what moves, or that stands still and sees it all."""
     _require_size(size)
-    pillow, begin = _pillow(), float(scenery.t[0])
-    for k in range(pictures_of(float(scenery.t[-1]) - begin, fps, speed)):
+    pillow, begin, shot = _pillow(), float(scenery.t[0]), (shot or Shot()).checked()
+    every = [*dict.fromkeys(np.linspace(0, len(scenery.t) - 1, 40).astype(int).tolist())]
+    found = shot.direction(scenery, every)
+    direction = np.array(VIEW_FROM) if found is None else found
+    narrow = max(1.0, 0.8 * size[1] / size[0])
+    stands = Camera.around(_everything(scenery, every), direction, size[0] / size[1]) if shot.follow is False else None
+
+    def painted(k: int) -> Image:
         frame = scenery.frame_at(begin + k * speed / fps)
-        camera = Camera.towards(scenery.turn @ scenery.focus[frame], np.array(VIEW_FROM), 2.8 * scenery.radius)
-        yield _reduce(pillow, _paint(scenery, [frame], camera, size), size)
+        camera = stands or Camera.towards(scenery.turn @ scenery.focus[frame], direction, 2.8 * narrow * scenery.radius)
+        camera = camera._replace(zoom=shot.zoom)
+        return _reduce(pillow, _paint(scenery, [frame], camera, size))
+
+    count = pictures_of(float(scenery.t[-1]) - begin, fps, speed)
+    with ThreadPoolExecutor(PAINTERS) as pool:  # numpy lets go of the interpreter; a few pictures ahead, no more
+        waiting = deque(pool.submit(painted, k) for k in range(min(count, 2 * PAINTERS)))
+        for k in range(count):
+            yield waiting.popleft().result()
+            if k + 2 * PAINTERS < count:
+                waiting.append(pool.submit(painted, k + 2 * PAINTERS))
 
 
 def _paint(scenery: Scenery, frames: list[int], camera: Camera, size: tuple[int, int]) -> Canvas:
@@ -145,11 +225,12 @@ def _paint(scenery: Scenery, frames: list[int], camera: Camera, size: tuple[int,
                 for frame in frames[:-1]] + [(final, 1.0)]  # fmt: skip
     sun = turn.T @ SUN
     for poses, strength in postures:
-        for body in scenery.bodies:
-            if body.path in poses and body.shadow and isinstance(body.shape, Mesh):
-                corners = _moved(poses[body.path], body.shape.vertices)[body.shape.faces]
-                fallen = corners - ((corners[..., 2] - ground.height) / sun[2])[..., None] * sun
-                canvas.shadows(fallen @ turn.T, _mix(plane, SHADE, strength))
+        fallen = [_moved(poses[body.path], body.shape.vertices)[body.shape.faces] for body in scenery.bodies
+                  if body.path in poses and body.shadow and isinstance(body.shape, Mesh) and not _flat(body)]  # fmt: skip
+        if fallen:
+            corners = np.concatenate(fallen)
+            corners = corners - ((corners[..., 2] - ground.height) / sun[2])[..., None] * sun
+            canvas.shadows(corners @ turn.T, _mix(plane, SHADE, strength))
     for body in scenery.bodies:
         pieces: Sequence[Any] | NDArray[Any] = (
             body.shape.faces if isinstance(body.shape, Mesh) else body.shape.points if body.shape else []
@@ -159,35 +240,60 @@ def _paint(scenery: Scenery, frames: list[int], camera: Camera, size: tuple[int,
         first = round(per_frame * scenery.frame_at(float(scenery.t[frames[-1]]) - body.keeps)) if body.grows else 0
         if isinstance(body.shape, Lines):
             canvas.lines(body.shape.points[first:count] @ turn.T, _rgb(body.colour), 1.5 * FINER)
-        elif body.shape is not None and (body.grows or body.path == "programme"):
+        elif body.shape is not None and _flat(body):
             corners = body.shape.vertices[body.shape.faces[first:count]] @ turn.T
             canvas.triangles(corners, np.broadcast_to(_rgb(body.colour), corners.shape), 1e-3)
-    for poses, strength in postures:
-        for body in scenery.bodies:
-            if body.path in poses and isinstance(body.shape, Mesh) and not body.grows and body.path != "programme":
-                vertices = _moved(turn @ poses[body.path][:3, :3], body.shape.vertices) + turn @ poses[body.path][:3, 3]
-                corners, light = vertices[body.shape.faces], _light(body.shape, vertices)
-                front = np.einsum("ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
-                                  camera.eye - corners[:, 0]) > 0.0  # fmt: skip
-                colours = _shaded(body.colour, light, strength)
-                canvas.triangles(corners[front], colours[front], 10.0 if body.in_front else 1e-4 * (strength == 1.0))
+    solids = [
+        _seen(body, body.shape, turn @ poses[body.path][:3], strength, camera)
+        for poses, strength in postures
+        for body in scenery.bodies
+        if body.path in poses and isinstance(body.shape, Mesh) and not _flat(body)
+    ]
+    if solids:
+        canvas.triangles(*(np.concatenate(part) for part in zip(*solids, strict=True)))
     return canvas
 
 
-def _light(mesh: Mesh, vertices: Array) -> Array:
-    """Brightness (m, 3) at the corners of a mesh's triangles, from the sun and the snow."""
-    corners = vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if mesh.flat:
-        normals = np.repeat(normals[:, None], 3, axis=1)
-    else:
-        summed = np.zeros_like(vertices)
-        for k in range(3):
-            np.add.at(summed, mesh.faces[:, k], normals)
-        normals = summed[mesh.faces]
-    normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
-    facing = normals @ SUN
-    return np.asarray(0.66 + 0.42 * np.clip(facing, -0.2, 1.0) - 0.06 * normals[..., 2])
+def _flat(body: Body) -> bool:
+    """Whether a body lies on the snow: a way."""
+    return body.grows or body.path == "programme"
+
+
+def _seen(body: Body, mesh: Mesh, pose: Array, strength: float, camera: Camera) -> tuple[Array, Array, Array]:
+    """Triangles of a body that face the camera, their colours and what favours them."""
+    corners = _moved(pose, mesh.vertices)[mesh.faces]
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    front = np.einsum("ij,ij->i", _crossed(b - a, c - a), camera.eye - a) > 0.0
+    normals = _normals(mesh)[front] @ np.linalg.inv(pose[:, :3])
+    normals = normals / np.maximum(np.sqrt(np.einsum("ijk,ijk->ij", normals, normals))[..., None], 1e-300)
+    light = 0.66 + 0.42 * np.clip(normals @ SUN, -0.2, 1.0) - 0.06 * normals[..., 2]  # from the sun and the snow
+    lift = 10.0 if body.in_front else 1e-4 * (strength == 1.0)
+    return corners[front], _shaded(body.colour, light, strength), np.full(int(front.sum()), lift)
+
+
+def _normals(mesh: Mesh) -> Array:
+    """Normals (m, 3, 3) at the corners of a mesh's triangles, in its own frame; kept, since films ask for them again."""
+    key = id(mesh.vertices)
+    if key not in _kept or _kept[key][0] is not mesh.vertices:
+        corners = mesh.vertices[mesh.faces]
+        normals = _crossed(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        if mesh.flat:
+            found = np.repeat(normals[:, None], 3, axis=1)
+        else:
+            summed = np.zeros_like(mesh.vertices)
+            for k in range(3):
+                np.add.at(summed, mesh.faces[:, k], normals)
+            found = summed[mesh.faces]
+        if len(_kept) >= MOST_KEPT:
+            _kept.clear()
+        _kept[key] = mesh.vertices, found
+    return _kept[key][1]
+
+
+def _crossed(first: Array, second: Array) -> Array:
+    """Cross products of rows; `np.cross` takes thrice as long."""
+    (a, b, c), (d, e, f) = first.T, second.T
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
 
 
 def _shaded(colour: str, light: Array, strength: float) -> Array:
@@ -222,8 +328,8 @@ def _ahead(scenery: Scenery, frames: list[int]) -> Sequence[float]:
     return [*(along * 0.6 + left * 0.8), 0.3]
 
 
-def _reduce(pillow: Any, canvas: Canvas, size: tuple[int, int]) -> Image:
-    picture: Image = pillow.fromarray(canvas.pixels()).resize(size, pillow.Resampling.BOX)
+def _reduce(pillow: Any, canvas: Canvas) -> Image:
+    picture: Image = pillow.fromarray(canvas.halved())
     return picture
 
 

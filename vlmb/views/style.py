@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.model.names import plain
+from vlmb.simulation.files import replacing
 from vlmb.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -22,6 +25,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Make = TypeVar("Make", bound=Callable[..., Any])
 
+DPI = 130
+TALLEST = 7.9  # [in] of a figure: a screen of 1080 lines shows it whole
+LISTED = 30  # lines that a legend tells apart; more links share a scale
+ALIKE, OFTEN = 0.008, 0.4  # lines nearer than this share of a panel's span, for this share of the time, hide each other
+LABEL = 42.0  # [pt] from a panel to the label of its y axis
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # plain text is drawn much faster than mathematics
 QUIET = 1e-7  # [rad, m, per s] of spans that only rounding errors make
 BLACK, GREY, SNOW = "#000000", "#8a8a8a", "#56B4E9"
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9")  # Okabe and Ito, without yellow
@@ -84,14 +93,30 @@ def new_figure(runs: Sequence[Trajectory], width: float, height: float, title: s
     """Return an empty figure [inches] with a title; no pyplot, so nothing is shown or kept."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, min(height, TALLEST)), layout="constrained")
     names = list(dict.fromkeys(run.scene.name for run in runs))
-    lines = textwrap.wrap(f"{title}: {', '.join(names)}", int(width * 12))
+    lines = textwrap.wrap(f"{title}: {', '.join(names)}", int(width * 12), max_lines=6)
     for run in runs if len(runs) == 1 else ():
         if run.status != "finished":
-            lines += textwrap.wrap(run.message, int(width * 12))
-    figure.suptitle("\n".join(plain(line) for line in lines[:5]), fontsize=10.5)
+            lines += textwrap.wrap(run.message, int(width * 12), max_lines=8)
+    figure.suptitle("\n".join(plain(line) for line in lines), fontsize=10.5 if len(lines) < 4 else 8.0)
     return figure
+
+
+def write(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG; drawn once, where `savefig` draws twice."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(DPI)
+    with replacing(path) as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a letter of a name that the font does not have
+        FigureCanvasAgg(figure).print_png(file, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+    return path
+
+
+def whole(text: str, width: int = 60) -> str:
+    """Break a long equation into lines, for a legend or a title, and keep it from being read as mathematics."""
+    return "\n".join(plain(line) for line in textwrap.wrap(text, width))
 
 
 def empty_figure(runs: Sequence[Trajectory], title: str, why: str) -> Figure:
@@ -101,12 +126,15 @@ def empty_figure(runs: Sequence[Trajectory], title: str, why: str) -> Figure:
     return figure
 
 
-def link_colour(link: int, links: int) -> Any:
-    """Return the colour of a link; black for the base (-1; -2, -3: its y, z). Many links share one dark-to-light scale."""
+def link_colour(link: int, links: int, told: bool = False) -> Any:
+    """Return the colour of a link; black for the base (-1; -2, -3: its y, z). Very many links share one dark-to-light scale.
+
+    `told`: dashes tell runs apart and not links, so that no colour may come twice.
+    """
     if link < 0:
         return (BLACK, PALETTE[1], PALETTE[2])[-1 - link]
-    if links <= len(PALETTE):
-        return PALETTE[link]
+    if links <= (len(PALETTE) if told else LISTED):
+        return PALETTE[link % len(PALETTE)]
     return _scale()(link / (links - 1))
 
 
@@ -123,18 +151,51 @@ def draw(
 ) -> None:  # fmt: skip
     """Draw series of all runs: dashes by run, colours by link, or by run as well (`by_run`)."""
     links = links or max(len(run.scene.links) for run in runs)
+    several = len(runs) > 1
     for number, entry in enumerate(series):
         for k, run in enumerate(runs):
             across, values = run.t if x is None else x[number](run), entry.read(run)
             if values is None or across is None:
                 continue
-            ax.plot(
-                across, values, label=entry.label, linestyle=DASHES[k % len(DASHES)], marker="o" if len(values) == 1 else "",
-                color=PALETTE[k % len(PALETTE)] if by_run and len(runs) > 1 else link_colour(entry.link, links),
+            dashes = k if several else max(entry.link, 0) // len(PALETTE) * (links <= LISTED)
+            (line,) = ax.plot(
+                across, values, label=entry.label, linestyle=DASHES[dashes % len(DASHES)], marker="o" if len(values) == 1 else "",
+                color=PALETTE[k % len(PALETTE)] if by_run and several else link_colour(entry.link, links, several),
             )  # fmt: skip
+            line.set_gid(str(dashes % len(DASHES)))
+            if several and k == 0:  # what lies on it leaves it visible
+                line.set(linewidth=2.6, alpha=0.5)
     if ax.lines and x is None:
         start, end = min(run.t[0] for run in runs), max(run.t[-1] for run in runs)
         ax.set_xlim(start, end if end > start else start + 1.0)
+
+
+def reveal(*panels: Axes) -> None:
+    """Where lines lie on each other, dash the upper ones and widen the lowest, alike in panels that share a legend."""
+    rows = [[line for line in ax.lines if len(np.asarray(line.get_ydata())) > 1 and _label(line)[0] != "_"] for ax in panels]
+    if len({len(lines) for lines in rows}) > 1 or not 1 < len(rows[0]) <= LISTED:
+        return
+    hides = np.zeros((len(rows[0]), len(rows[0])), dtype=bool)
+    for lines in rows:
+        values = np.array([np.asarray(line.get_ydata(), float) for line in lines])
+        span = np.nanmax(values) - np.nanmin(values) if np.isfinite(values).any() else 0.0
+        for upper in range(1, len(lines)):
+            hides[upper, :upper] |= np.mean(np.abs(values[:upper] - values[upper]) <= ALIKE * span, axis=1) > OFTEN
+    for upper in np.flatnonzero(hides.any(axis=1)).tolist():
+        lowest = int(np.argmax(hides[upper]))
+        worn = [(line.get_color(), _dashes(line)) for k, line in enumerate(rows[0]) if k != upper]
+        taken = [_dashes(rows[0][k]) for k in np.flatnonzero(hides[upper])]
+        free = [dash for dash in DASHES[1:] if (rows[0][upper].get_color(), dash) not in worn]
+        chosen = next((dash for dash in free if dash not in taken), (free or DASHES[1:])[0])
+        for lines in rows:
+            lines[lowest].set_linewidth(2.8)
+            lines[upper].set_linestyle(chosen)
+            lines[upper].set_gid(str(DASHES.index(chosen)))
+
+
+def _dashes(line: Any) -> Any:
+    """The dashes a line was drawn with."""
+    return DASHES[int(line.get_gid() or 0)]
 
 
 def calm(ax: Axes, also_x: bool = False) -> None:
@@ -145,17 +206,43 @@ def calm(ax: Axes, also_x: bool = False) -> None:
             limit(middle - 1e-3 * max(1.0, abs(middle)), middle + 1e-3 * max(1.0, abs(middle)))
 
 
-def legend_beside(ax: Axes, above: bool = False) -> None:
-    """Put a legend to the right of a panel, or above it; none for one line, or for so many that a scale serves better."""
-    entries = {_label(line): line for line in reversed(ax.lines) if _label(line)[0] != "_"}
-    if not 1 < len(entries) <= len(PALETTE) + 2:
+def decades(ax: Axes, low: float, high: float) -> None:
+    """Put a panel on a log axis from below `low` to above `high`, with whole decades alone where they are many."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
+
+    bottom, top = np.floor(np.log10(low) - 0.2), np.ceil(np.log10(high) + 0.2)
+    ax.set_yscale("log")
+    ax.set_ylim(10.0**bottom, 10.0**top)
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"10{str(round(np.log10(value))).translate(RAISED)}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    if top - bottom > 4:
+        ax.yaxis.set_minor_locator(NullLocator())
+
+
+def align(axes: Iterable[Axes]) -> None:
+    """Put the labels of y axes at one distance from their panels; `align_ylabels` measures every tick for it."""
+    from matplotlib.transforms import ScaledTranslation
+
+    for ax in axes:
+        away = ax.transAxes + ScaledTranslation(-LABEL / 72.0, 0.0, ax.figure.dpi_scale_trans)
+        ax.yaxis.set_label_coords(0.0, 0.5, transform=away)
+
+
+def legend_beside(ax: Axes, above: bool = False, of: Axes | None = None) -> None:
+    """Put a legend (of another panel's lines) to the right of a panel, or above it; none for one line, or for too many."""
+    entries = {_label(line): line for line in reversed((of or ax).lines) if _label(line)[0] != "_"}
+    if not 1 < len(entries) <= LISTED:
         return
     labels = list(reversed(entries))
-    where: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "borderaxespad": 0.0}
+    rows = sum(label.count("\n") + 1 for label in labels)
+    small = rows > 7
+    room = ax.get_position().height * ax.get_figure().get_figheight() / (0.17 if small else 0.2)  # type: ignore[union-attr]
+    where: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "borderaxespad": 0.0,
+                             "ncols": max(1, -(-rows // max(int(room), 1)))}  # fmt: skip
     if above:
         columns = min(len(labels), 2 if max(map(len, labels)) > 24 else 4)
         where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": columns}
-    ax.legend([entries[label] for label in labels], labels, **where)
+    ax.legend([entries[label] for label in labels], labels, fontsize=7.5 if small else 9.0, columnspacing=1.2, **where)
 
 
 def finish(figure: Figure, runs: Sequence[Trajectory], labels: Sequence[str] | None, by_link: bool = True) -> Figure:
@@ -166,7 +253,7 @@ def finish(figure: Figure, runs: Sequence[Trajectory], labels: Sequence[str] | N
 
     panels = list(figure.axes)
     links = max((run.scene.links for run in runs), key=len)
-    if by_link and len(links) > len(PALETTE):
+    if by_link and len(links) > LISTED:
         colours = ListedColormap([link_colour(i, len(links)) for i in range(len(links))])
         shown = ScalarMappable(BoundaryNorm(np.arange(len(links) + 1) - 0.5, len(links)), colours)
         ticks = range(0, len(links), max(1, -(-len(links) // 20)))
@@ -180,6 +267,7 @@ def finish(figure: Figure, runs: Sequence[Trajectory], labels: Sequence[str] | N
             Line2D([], [], color=PALETTE[k % len(PALETTE)] if alone else GREY, linestyle=DASHES[k % len(DASHES)])
             for k in range(len(runs))
         ]
+        handles[0].set(linewidth=2.6, alpha=0.5)
         texts = [plain(text) for text in (labels or run_labels(runs))]
         columns = max(1, min(len(texts), int(figure.get_figwidth() * 10 / (max(map(len, texts)) + 6))))
         figure.legend(handles, texts, loc="outside lower center", ncols=columns)

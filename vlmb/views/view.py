@@ -10,6 +10,8 @@ import os
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,31 +22,42 @@ from vlmb.simulation.files import write_text
 from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import page
-from vlmb.views.stills import still
+from vlmb.views.stills import Shot, still
 from vlmb.views.visual_model import Scenery, of_state, of_trajectory
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+__all__ = ["FPS", "Shot", "View", "export_html", "picture", "play", "posture", "serve", "show"]
 
 FPS = 60.0
 WITHOUT = "write a file with export_html (--html), a picture with --png, or serve only with --no-browser"
 
 
 class View:
-    """A page that this process serves to browsers of this machine until `close`; in a notebook it shows itself."""
+    """A page that this process serves to browsers of this machine until `close`; in a notebook it shows itself.
 
-    def __init__(self, text: str, port: int = 0) -> None:
-        content = text.encode("utf-8")
+    `more(query)` answers what a page asks for whose motion is still being computed: JSON.
+    """
+
+    def __init__(self, text: str, port: int = 0, more: Callable[[str], str] | None = None) -> None:
+        view = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
-                found = self.path.split("?")[0] in ("/", "/index.html")
+                path, _, query = self.path.partition("?")
+                found = path in ("/", "/index.html")
+                content, kind = (view.text, "text/html") if found else ("", "text/plain")
+                if path == "/more" and more is not None:
+                    found, content, kind = True, more(query), "application/json"
+                sent = content.encode("utf-8")
                 self.send_response(200 if found else 404)
-                self.send_header("Content-Type", "text/html; charset=utf-8")
-                self.send_header("Content-Length", str(len(content) if found else 0))
+                self.send_header("Content-Type", f"{kind}; charset=utf-8")
+                self.send_header("Cache-Control", "no-store")
+                self.send_header("Content-Length", str(len(sent)))
                 self.end_headers()
-                if found:
-                    self.wfile.write(content)
+                with suppress(ConnectionError):  # a page that was closed meanwhile
+                    self.wfile.write(sent)
 
             def log_message(self, *_: Any) -> None:
                 pass
@@ -120,12 +133,16 @@ def export_html(
 def picture(
     what: Trajectory | Mechanism, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
     arrows: bool = False, programme: Any = None, since: float | None = None, view_from: tuple[float, float, float] | None = None,
+    shot: Shot | None = None,
 ) -> Image:  # fmt: skip
-    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture. No screen."""
+    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture. No screen.
+
+    `shot=vlmb.view.Shot(azimuth=-60, elevation=15, zoom=1.5)` [deg], `Shot(side=True)`, `Shot(follow=True)` place the camera.
+    """
     made = of_trajectory(what, FPS, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
     if isinstance(what, Trajectory) and time is not None and not what.t[0] <= time <= what.t[-1]:
         raise VlmbError(f"time {time:g} s: the motion lasts from {what.t[0]:g} to {what.t[-1]:g} s")
-    return still(made, time, size, ghosts, since, view_from)
+    return still(made, time, size, ghosts, since, view_from, shot)
 
 
 def posture(mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: bool = False) -> Scenery:
@@ -161,9 +178,9 @@ def keep(view: View) -> None:
     view.wait()
 
 
-def serve(text: str, browser: bool | None, port: int) -> View:
+def serve(text: str, browser: bool | None, port: int, more: Callable[[str], str] | None = None) -> View:
     """Serve a page, and open a browser on it: by default everywhere but in a notebook."""
-    view = View(text, port)
+    view = View(text, port, more)
     try:
         return view.open() if ("ipykernel" not in sys.modules if browser is None else browser) else view
     except VlmbError:

@@ -18,10 +18,11 @@ from vlmb.model.coordinates import kinematics
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import make_data
 from vlmb.model.reading import Postures, postures
-from vlmb.scene.tables import Base, Link
+from vlmb.scene.tables import Base, Link, Segment
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import appearance, shapes
-from vlmb.views.appearance import Look, look_of
+from vlmb.views.appearance import look_of
+from vlmb.views.person import Part, Person, crowns, part_of, person_of
 from vlmb.views.reference_path import course
 from vlmb.views.sampling import at_times, smooth
 from vlmb.views.shapes import Lines, Mesh
@@ -114,18 +115,25 @@ def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = Fals
 
     `programme` (n, 2) [m] is drawn as a dashed way; default: the course that the scene's programme prescribes, if it does.
     """
-    t, mechanism = trajectory.t, trajectory.mechanism
+    edge = None
+    if arrows and trajectory.mechanism.layout.base == "ski" and len(trajectory) > 1:
+        edge = trajectory.reactions["knife_edge"]
+    return of_samples(trajectory.mechanism, trajectory.t, trajectory.q, trajectory.v, fps, arrows, edge, programme)
+
+
+def of_samples(
+    mechanism: Mechanism, t: Array, q: Array, v: Array, fps: float = 60.0, arrows: bool = False, edge: Array | None = None,
+    programme: Any = None,
+) -> Scenery:  # fmt: skip
+    """Return the scenery of samples (q, v) at t (N,) [s], with the knife edge's force (N,) [N] for its arrow."""
     if len(t) < 2:
-        return of_state(mechanism, (trajectory.q[0], trajectory.v[0]), arrows)
+        return of_state(mechanism, (q[0], v[0]), arrows)
     frames = max(2, round(min((t[-1] - t[0]) * fps, MAX_FRAMES)) + 1)
     when = np.linspace(t[0], t[-1], frames)
-    q = at_times(mechanism.model, t, trajectory.q, when)
-    edge = None
-    if arrows and mechanism.layout.base == "ski":
-        edge = np.interp(when, t, trajectory.reactions["knife_edge"])
     if programme is None:
-        programme = _programme(mechanism, t, trajectory.v[:, 0], trajectory.q[0])
-    return _build(mechanism, when, q, arrows, edge, programme)
+        programme = _programme(mechanism, t, v[:, 0], q[0])
+    edge = None if edge is None else np.interp(when, t, edge)
+    return _build(mechanism, when, at_times(mechanism.model, t, q, when), arrows, edge, programme)
 
 
 def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array | None:
@@ -149,12 +157,15 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
         bodies += _ways(base, size, programme)
     elif layout.base == "free" and scene.base.mass:
         bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), appearance.MASS, base))
-    parents = {link.parent for link in layout.links if link.point == "tip"}
+    person = person_of(mechanism, seen, rotations)
     hinges = [seen.position(i, "hinge") for i in layout.order]
     tips = [seen.position(i, "tip") for i in layout.order]
-    for i, hinge in zip(layout.order, hinges, strict=True):
-        bodies += _link(scene.links[i], i, seen, hinge, rotations[:, i], size, i in parents)
-    everything = np.stack([base, *hinges, *tips], axis=1)
+    for i in layout.order:
+        part = part_of(person, mechanism, seen, i) if person else None
+        frame = person.rotations.get(i, rotations[:, i]) if person else rotations[:, i]
+        bodies += _link(scene.links[i], i, seen, frame, size, person, part)
+    heads = crowns(person, mechanism, seen) if person else []
+    everything = np.stack([base, *hinges, *tips, *heads], axis=1)
     ground = _ground(everything, size, layout.base)
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
@@ -168,7 +179,7 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
         trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
         bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
     if arrows:
-        bodies += _arrows(mechanism, q, size, edge)
+        bodies += _arrows(mechanism, q, size, edge, ground.height)
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
     focus = np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape) if layout.base == "pivot" else centre
     radius = float(np.linalg.norm(everything - focus[:, None], axis=2).max()) + 0.25 * size
@@ -180,40 +191,45 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
 
 
 def _link(
-    link: Link, number: int, seen: Postures, hinge: Array, rotation: Array, size: float, carries: bool
+    link: Link, number: int, seen: Postures, frame: Array, size: float, person: Person | None, part: Part | None
 ) -> list[Body]:
-    """Lower segment, rod, upper segment, hinge and point mass of a link."""
+    """Lower segment, rod, upper segment, hinge and point mass of a link, and what it wears."""
     look = look_of(link.name, number)
     length = link.rod.length
     volume = max(link.rod.mass, 1e-9) / DENSITY
     low, high = 0.012 * size, max(0.75 * length, 0.012 * size)
     radius = look.thickness * float(np.clip(math.sqrt(volume / (math.pi * max(length, 1e-9))), low, high))
     thin = max(0.35 * radius, 0.008 * size)
+    if part is None:
+        rod = shapes.limb(length, radius) if length > 0.0 else None
+        mass = shapes.ball(_ball_radius(link.tip_mass, size)) if link.tip_mass else None
+        part = Part(rod, shapes.bellows(thin), shapes.bellows(0.85 * thin), mass, appearance.MASS)
+    else:
+        thin = 0.02 * person.scale if person else thin
     path = f"links/{link.name}"
     lower = seen.distance(number, "rod_start")
     upper = seen.distance(number, "tip") - seen.distance(number, "rod_end")
-    colour = look.colour if look.of_body else appearance.HINGE
-    bodies = [Body(path, shapes.ball(1.15 * thin), colour, hinge, rotation)]
+    colour = look.colour if look.part else appearance.HINGE
+    bodies = [Body(path, shapes.ball(1.15 * thin), colour, seen.position(number, "hinge"), frame)]
     if np.any(lower != 0.0):
-        bodies.append(Body(f"{path}/lower", shapes.tube(thin), appearance.TELESCOPE, scale=_along(lower, 1.0)))
-    bodies.append(Body(f"{path}/rod", _solid(link, radius, look), look.colour, position=_along(lower, 0.0)))
+        bodies.append(Body(f"{path}/lower", *_segment(link.lower, part.lower, thin), scale=_along(lower, 1.0)))
+    bodies.append(Body(f"{path}/rod", part.rod, look.colour, position=_along(lower, 0.0)))
     if np.any(upper != 0.0):
         at = np.array([length, 0.0, 0.0])
-        tube = shapes.tube(0.8 * thin)
-        bodies.append(Body(f"{path}/rod/upper", tube, appearance.TELESCOPE, position=at, scale=_along(upper, 1.0)))
-    if link.tip_mass:
-        mass = shapes.ball(_ball_radius(link.tip_mass, size))
-        skin = {appearance.SKIN: appearance.SKIN, appearance.JACKET: appearance.SKIN}.get(look.colour, appearance.MASS)  # a head
-        colour = look.colour if look.of_body and carries else skin
-        bodies.append(Body(f"{path}/rod/mass", mass, colour, position=_along(length + upper, 0.0)))
+        made = _segment(link.upper, part.upper, 0.8 * thin)
+        bodies.append(Body(f"{path}/rod/upper", *made, position=at, scale=_along(upper, 1.0)))
+    if part.mass is not None:
+        bodies.append(Body(f"{path}/rod/mass", part.mass, part.mass_colour, position=_along(length + upper, 0.0)))
+    for worn in part.worn:
+        on = {None: "person", "ski": "ski", "": path}.get(worn.on, f"{path}/{worn.on}")
+        name = f"{worn.name}_{link.name}" if worn.on == "ski" else worn.name
+        bodies.append(Body(f"{on}/{name}", worn.shape, worn.colour, worn.position, worn.rotation))
     return bodies
 
 
-def _solid(link: Link, radius: float, look: Look) -> Mesh | None:
-    length = link.rod.length
-    if look.round and link.rod.mass:
-        return shapes.moved(shapes.ball(max(_ball_radius(link.rod.mass, 0.0), 0.5 * length)), (0.5 * length, 0.0, 0.0))
-    return shapes.limb(length, radius, look.width, look.depth) if length > 0.0 else None
+def _segment(segment: Segment, sleeve: Mesh, thin: float) -> tuple[Mesh, str]:
+    """A sleeve for a segment that changes its length, a plain tube for one that does not."""
+    return (shapes.tube(thin), appearance.TELESCOPE) if segment.motion == "fixed" else (sleeve, appearance.STRETCH)
 
 
 def _ski(mechanism: Mechanism, base: Array, heading: Array) -> list[Body]:
@@ -264,23 +280,28 @@ def _ways(base: Array, size: float, programme: Any) -> list[Body]:
     return bodies
 
 
-def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None) -> list[Body]:
-    """Gravity at the centre of mass and the edge force on the ski, to one scale."""
+def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None, floor: float) -> list[Body]:
+    """Gravity at the centre of mass and the edge force on the ski, to one scale; neither goes through the ground."""
     model, data, scene = mechanism.model, make_data(mechanism.model), mechanism.scene
     down = np.array(scene.surface_gravity)
     weight = float(np.linalg.norm(down)) * (scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links))
-    bodies = []
+    bodies, reach = [], 0.7 * size
     if weight > 0.0:
         centre = np.array([pin.centerOfMass(model, data, row) for row in q])
-        side = np.cross([0.0, 1.0, 0.0], down / np.linalg.norm(down))
-        turned = np.column_stack([down / np.linalg.norm(down), [0.0, 1.0, 0.0], -side])
-        bodies.append(Body("gravity", shapes.arrow(0.7 * size), appearance.GRAVITY, centre, turned, shadow=False, in_front=True))
+        down = down / np.linalg.norm(down)
+        if down[2] < 0.0:
+            room = (centre[:, 2] - floor) / -down[2]
+            reach = float(np.clip(0.9 * np.median(room), 0.3 * size, 0.7 * size))
+            centre = centre - np.maximum(reach + 0.02 * size - room, 0.0)[:, None] * down
+        side = np.cross([0.0, 1.0, 0.0], down)
+        turned = np.column_stack([down, [0.0, 1.0, 0.0], -side])
+        bodies.append(Body("gravity", shapes.arrow(reach), appearance.GRAVITY, centre, turned, shadow=False, in_front=True))
     if edge is not None:
         left = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         share = edge / max(weight, 1e-9)
         scale = np.repeat(np.where(np.abs(share) < 1e-4, 1e-4, share)[:, None], 3, axis=1)
-        at = np.array([0.0, 0.0, 0.05 * size])
-        arrow = shapes.arrow(0.7 * size)
+        at = np.array([0.0, 0.0, 0.07 * reach * max(1.0, float(np.abs(share).max()))])  # its head stays above the snow
+        arrow = shapes.arrow(reach)
         bodies.append(Body("ski/edge_force", arrow, appearance.EDGE_FORCE, at, left, scale, shadow=False, in_front=True))
     return bodies
 
