@@ -32,7 +32,8 @@ from vlmb.core.triples import Vector, dot, plus
 # Of `sliding` of a plant: coefficient, mass [kg] of all, force [N] that answers are tried with, whether the edge force counts.
 MU, MASS, PUSH, CARVES = range(4)
 # Rows of `sliding` of a memory: generalized forces without friction; then what is known of it: the side that the ski slides to, 0
-# where it stands and nan where its state shall say it; friction [N], normal force [N], c, the side as it came out, what friction goes by [N].
+# where it stands and nan where its state shall say it; friction [N], normal force [N], c, the side as it came out, what friction
+# goes by [N].
 SAVED, FOUND = range(2)
 MODE, FRICTION, NORMAL, ANSWER, SLIDES, PRESS = range(6)
 

@@ -163,7 +163,7 @@ def make_core_plan(
         roots.append(programme.free.expression)
     slides = scene.base.friction > 0.0 and not watching
     centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
-    sliding = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
+    rubbing = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
     compiled = compile_tape(roots, table.resolve)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
@@ -176,7 +176,7 @@ def make_core_plan(
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
         bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1), centre], np.int64),
-        rows=rows, sliding=np.array(sliding if centre >= 0 else ()),
+        rows=rows, sliding=np.array(rubbing if centre >= 0 else ()),
     )  # fmt: skip
     names = (*(("knife_edge",) if len(rows.table) and rows.table[0, HELD] else ()), *(constraints.texts if constraints else ()))
     return CorePlan(
