@@ -27,7 +27,7 @@ SHORT: Table = {
     "name": "short", "base": PIVOT, "links": [link("leg")], "start": {"psi1": 0.4, "phi1": 0.2},
     "run": {"duration": 0.2, "rtol": 1e-8, "samples": 10},
 }  # fmt: skip
-SLOW = SHORT | {"name": "slow", "run": {"duration": 40.0, "method": "rk4", "step": 2e-5, "samples": 1000}}
+SLOW = SHORT | {"name": "slow", "run": {"duration": 40.0, "method": "rk4", "step": 4e-6, "samples": 1000}}
 
 
 class Outcome(NamedTuple):
