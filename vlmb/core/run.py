@@ -169,11 +169,21 @@ def note_worth(rows: Rows, memory: RowMemory, t: float) -> float:
     for i in range(sizes.ideal):
         space.largest[i] = max(space.largest[i], space.square[i, i])
     since = t - state[WORTH_TIME]
-    state[WORTH_RATE] = (state[WORTH] - state[WORTH_BEFORE]) / since if since > 0.0 and state[WORTH_BEFORE] > 0.0 else 0.0
-    if state[WORTH_RATE] > 0.0:
-        state[WORTH_BOUND] = max(state[WORTH_BOUND], min(LOOKED_AT, 0.5 * state[WORTH]))
-    state[WORTH_BEFORE], state[WORTH_TIME] = state[WORTH], t
-    return -0.5 * state[WORTH] / state[WORTH_RATE] if state[WORTH_RATE] < 0.0 else math.inf
+    rate, bound, room = follow_worth(state[WORTH], state[WORTH_BEFORE], since, state[WORTH_BOUND])
+    state[WORTH_RATE], state[WORTH_BOUND], state[WORTH_BEFORE], state[WORTH_TIME] = rate, bound, state[WORTH], t
+    return room
+
+
+@kernel(inline=True)
+def follow_worth(worth: float, before: float, since: float, bound: float) -> tuple[float, float, float]:
+    """Find the rate [1/s] of what rows are worth, the bound from now on, and half the time [s] in which one is worth nothing.
+
+    `before`, `since` [s] ago; 0: not known. The bound grows again with what grows.
+    """
+    rate = (worth - before) / since if since > 0.0 and before > 0.0 else 0.0
+    if rate > 0.0:
+        bound = max(bound, min(LOOKED_AT, 0.5 * worth))
+    return rate, bound, -0.5 * worth / rate if rate < 0.0 else math.inf
 
 
 @kernel

@@ -10,13 +10,13 @@ over a stretch whose middle is the singular posture, which no node comes near. T
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SimulationError, VlmbError
-from vlmb.system.worth import RowState
+from vlmb.simulation.engine import Engine
 
 Array = NDArray[np.float64]
 
@@ -39,27 +39,6 @@ def _tableau() -> tuple[Array, Array, Array]:
 
 
 NODES, TO_NODES, INTEGRALS = _tableau()
-
-
-class Mover(Protocol):
-    """What a passage asks of an engine."""
-
-    @property
-    def velocities(self) -> slice:
-        """Where the velocities stand in a state."""
-        ...
-
-    def evaluate(self, t: float, y: Array) -> Array:
-        """Return y' at (t, y)."""
-        ...
-
-    def rows(self, t: float, y: Array) -> RowState:
-        """Return the ideal rows at (t, y)."""
-        ...
-
-    def moved(self, t: float, y: Array, change: Array) -> Array:
-        """Return y with its positions moved as velocities would move them in a second."""
-        ...
 
 
 class Part(NamedTuple):
@@ -94,7 +73,7 @@ class Passage(NamedTuple):
 class _Counted:
     """An engine, and how often it was asked."""
 
-    def __init__(self, mover: Mover) -> None:
+    def __init__(self, mover: Engine) -> None:
         self.mover, self.count = mover, 0
 
     def on_rows(self, t: float, y: Array) -> Array:
@@ -118,7 +97,7 @@ class _Counted:
         return self.mover.evaluate(t, y)
 
 
-def time_to_dependence(mover: Mover, t: float, y: Array, guess: float) -> float:
+def time_to_dependence(mover: Engine, t: float, y: Array, guess: float) -> float:
     """Return the time [s] in which the rows would lose their independence; inf where they do not.
 
     guess : [s] a first one
@@ -129,7 +108,7 @@ def time_to_dependence(mover: Mover, t: float, y: Array, guess: float) -> float:
     return -here / rate if rate < 0.0 else np.inf
 
 
-def pass_through(mover: Mover, t: float, y: Array, ahead: float, until: float, rtol: float, atol: float) -> Passage | None:
+def pass_through(mover: Engine, t: float, y: Array, ahead: float, until: float, rtol: float, atol: float) -> Passage | None:
     """Integrate from (t, y) past the singular posture, which is `ahead` [s], and not beyond `until`.
 
     None where no answer repeats itself, or none leads away from the posture: one that turns back near it passes it twice.

@@ -26,6 +26,7 @@ from vlmb.core.driver import (
     make_driver,
 )
 from vlmb.core.plant import make_memory
+from vlmb.core.run import follow_worth
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.constrained import SIDEWAYS
@@ -34,7 +35,7 @@ from vlmb.system.events import DEPENDENT, GRIP, LIMIT, QUIET, Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.friction import FRICTION_EVENTS, indicators_of
 from vlmb.system.system import System
-from vlmb.system.worth import LOOKED_AT, RowState, approach
+from vlmb.system.worth import LOOKED_AT, RowState
 
 Array = NDArray[np.float64]
 
@@ -133,9 +134,7 @@ class PinocchioEngine:
         """Write what the ideal rows are worth at an accepted step; return half the time [s] in which one is worth nothing."""
         solver = self.workspace.solver
         solver.largest = [max(pair) for pair in zip(solver.largest, solver.diagonal, strict=True)]
-        rate, room = approach(solver.worth, self.worth, t - self.looked)
-        if rate > 0.0:
-            self.bound = max(self.bound, min(LOOKED_AT[0], 0.5 * solver.worth))
+        rate, self.bound, room = follow_worth(solver.worth, self.worth, t - self.looked, self.bound)
         self.worth, self.looked = solver.worth, t
         indicators[VALUE, self.dependent], indicators[RATE, self.dependent] = solver.worth - self.bound, rate
         return room

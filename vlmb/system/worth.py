@@ -37,9 +37,3 @@ class RowState(NamedTuple):
         """Names of the rows that nearly depend on each other."""
         weakest = np.abs(np.linalg.eigh(self.square / np.outer(self.scale, self.scale))[1][:, 0])
         return [name for name, share in zip(self.names, weakest, strict=True) if share > 0.1 * weakest.max()]
-
-
-def approach(worth: float, before: float, since: float) -> tuple[float, float]:
-    """Return the rate [1/s] of what rows are worth, and half the time [s] in which it would be 0; `before` 0: not known."""
-    rate = (worth - before) / since if since > 0.0 and before > 0.0 else 0.0
-    return rate, -0.5 * worth / rate if rate < 0.0 else np.inf
