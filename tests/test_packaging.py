@@ -71,9 +71,29 @@ def test_wheel_ships_every_module_and_the_type_marker(tmp_path: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     files = (path.relative_to(ROOT) for path in (ROOT / "vlmb").rglob("*") if path.is_file())
     here = {path.as_posix() for path in files if "__pycache__" not in path.parts}
-    assert {name for name in names if ".dist-info/" not in name} == here
+    models = {f"vlmb/models/{path.name}" for path in (ROOT / "models").iterdir()}
+    assert {name for name in names if ".dist-info/" not in name} == here | models
     assert "vlmb/py.typed" in here
     assert f"vlmb-{vlmb.__version__}.dist-info/licenses/LICENSE" in names
+
+
+def test_what_the_wheel_holds_finds_its_models_anywhere(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling")
+    build = ("-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path))
+    assert call(sys.executable, *build, folder=ROOT, PYTHONWARNINGS="default").returncode == 0
+    (wheel,) = tmp_path.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(tmp_path / "installed")
+    (tmp_path / "empty").mkdir()
+
+    def vlmb_(*words: str) -> str:
+        done = call(sys.executable, "-m", "vlmb", *words, folder=tmp_path / "empty", PYTHONPATH=str(tmp_path / "installed"))
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert {path.stem for path in (ROOT / "models").glob("*.toml")} <= set(vlmb_("models").split())
+    assert vlmb_("models", "slalom") == (ROOT / "models" / "skier_slalom.toml").read_text(encoding="utf-8")
+    assert "skier in a slalom: ski base" in vlmb_("info", "slalom")
+    assert "data  " in vlmb_("info", "recorded_pumping")
 
 
 def test_importing_vlmb_and_simulating_a_plain_scene_is_light(tmp_path: Path) -> None:

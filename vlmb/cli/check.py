@@ -11,7 +11,7 @@ WHAT = "validate a scene without running it"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument("scene", help="scene file (.toml) or model")
 
 
 def execute(args: argparse.Namespace) -> int:

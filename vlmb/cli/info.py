@@ -17,7 +17,7 @@ WHAT = "print degrees of freedom, joints, and what was left out and why"
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument("scene", help="scene file (.toml) or model")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ WHAT = "print the blocks of the equations of motion (4.1) at a posture, without 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("scene", nargs="?", help="scene file (.toml)")
+    parser.add_argument("scene", nargs="?", help="scene file (.toml) or model")
     parser.add_argument(
         "--at", action="append", nargs="+", metavar="NAME=VALUE", default=[],
         help="coordinates and rates that differ from the scene's start, e.g. psi1=1.2 legs.azimuth_dot=0.5 speed=8 [m, rad, s]",

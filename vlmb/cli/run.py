@@ -26,7 +26,7 @@ OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("scene", help="scene file (.toml) or a stored run (.npz)")
+    parser.add_argument("scene", help="scene file (.toml) or model or a stored run (.npz)")
     parser.add_argument("-o", "--output", type=Path, default=None, help="folder for the results (default: results/NAME)")
     parser.add_argument("--duration", type=float, help="[s]")
     parser.add_argument("--method", choices=METHODS, help="integration method")

@@ -19,6 +19,7 @@ from vlmb.scene.keys import changed_data
 from vlmb.scene.names import listed
 from vlmb.scene.recorded import take_in
 from vlmb.scene.rows import rows_of
+from vlmb.scene.shipped import scene_file
 from vlmb.scene.tables import Link, SceneTables
 from vlmb.scene.written import as_written
 
@@ -128,14 +129,14 @@ class Scene(SceneTables, frozen=True, kw_only=True):
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene file (TOML). It is data: nothing in it is run.
+    """Read a scene file (TOML), or a model that comes with vlmb by its name. It is data: nothing in it is run.
 
     Raises SceneError naming the file and what to change.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise SceneError(f"{path!r:.80}: must be the path of a scene file")
-    path = Path(path)
     try:
+        path = scene_file(path)
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
