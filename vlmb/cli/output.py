@@ -1,9 +1,34 @@
-"""What commands print of the files they wrote."""
+"""What commands print: tables with units, and the files they wrote."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+
+from vlmb.simulation.facts import extents
+from vlmb.simulation.trajectory import Trajectory
+
+ROWS = 14  # of a table of results
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Set rows of texts under a header; the first two columns to the left, numbers to the right."""
+    lines = [header, *rows]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
+    sides = ["<" if k < 2 else ">" for k in range(len(header))]
+    return "\n".join(
+        "  " + "  ".join(f"{text:{side}{width}}" for text, side, width in zip(line, sides, widths, strict=True)).rstrip()
+        for line in lines
+    )
+
+
+def results(trajectory: Trajectory) -> str:
+    """Return a table of a run's coordinates: where each begins and ends, and between which values it goes."""
+    known = set(trajectory.mechanism.coordinate_names)
+    found = [entry for entry in extents(trajectory) if entry.name in known]
+    rows = [[entry.name, entry.unit, *(f"{number:.4g}" for number in entry[2:])] for entry in found]
+    more = [f"  ... and {len(rows) - ROWS} more in run.csv"] if len(rows) > ROWS else []
+    return "\n".join([table(("coordinate", "unit", "start", "end", "least", "largest"), rows[:ROWS]), *more])
 
 
 def wrote(files: Sequence[Path]) -> str:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vlmb.cli.output import wrote
+from vlmb.cli.output import results, wrote
 from vlmb.errors import VlmbError
 from vlmb.scene.scene import load_scene
+from vlmb.simulation.facts import facts
 from vlmb.simulation.keeping import keep
 from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.methods import METHODS
@@ -26,7 +29,7 @@ OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("scene", help="scene file (.toml) or model or a stored run (.npz)")
+    parser.add_argument("scene", help="scene file (.toml), name of a model, or stored run (.npz)")
     parser.add_argument("-o", "--output", type=Path, default=None, help="folder for the results (default: results/NAME)")
     parser.add_argument("--duration", type=float, help="[s]")
     parser.add_argument("--method", choices=METHODS, help="integration method")
@@ -39,6 +42,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-step", type=float, metavar="S", help="[s] longest step of adaptive methods")
     parser.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
     parser.add_argument("--view", action="store_true", help="show the motion in the browser while it is computed")
+    parser.add_argument("--json", action="store_true", help="print results as JSON instead of text")
+    parser.add_argument("--verbose", action="store_true", help="show the log of vlmb on stderr")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -58,10 +63,12 @@ def execute(args: argparse.Namespace) -> int:
     run = run_options(scene, **changes)
     if args.view:
         view.need_display()
-    folder = args.output or Path("results") / _name_of(path)
+    folder = args.output or _folder_of(path)
     watched = Live(scene, changes, t0, browser=True) if args.view else None
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
+    if args.verbose:
+        logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     try:
         kept = keep(
             lambda: _with_progress(
@@ -79,7 +86,8 @@ def execute(args: argparse.Namespace) -> int:
     trajectory, written, ended = kept.trajectory, kept.written, kept.ended
     for sentence in kept.said:
         print(f"vlmb run: {sentence}", file=sys.stderr)
-    print(trajectory.summary())
+    if not args.json:
+        print(trajectory.summary(), results(trajectory), sep="\n\n")
     if not (args.no_plots or ended):
         try:
             for what, draw in (("plots", _draw), ("run.html", _page)):
@@ -91,7 +99,7 @@ def execute(args: argparse.Namespace) -> int:
             ended = True
     if ended and not args.no_plots:
         print("vlmb run: interrupted: pictures in this folder may be those of an earlier run", file=sys.stderr)
-    print(wrote(written))
+    print(json.dumps({**facts(trajectory), "files": [str(file) for file in written]}, indent=1) if args.json else wrote(written))
     if watched and (ended or kept.error is not None):
         watched.close()
     if kept.error is not None:
@@ -101,11 +109,12 @@ def execute(args: argparse.Namespace) -> int:
     return 0 if trajectory.status in ("finished", "stopped") and not (trajectory.doubts or ended or kept.said) else 1
 
 
-def _name_of(path: Path) -> str:
-    """Name a folder of results: a scene's name; of a stored run, whose file is mostly run.npz, its folder's, as a replay."""
+def _folder_of(path: Path) -> Path:
+    """Name a folder for results: by the scene under `results`; of a replay beside the folder of its run, or its file."""
     if path.suffix != ".npz":
-        return path.stem
-    return f"{path.resolve().parent.name if path.stem == 'run' else path.stem}_replay"
+        return Path("results") / path.stem
+    source = path.parent if path.stem == "run" and path.parent.name not in ("", "..") else path.with_suffix("")
+    return source.with_name(f"{source.name}_replay")
 
 
 def _remove(folders: list[Path]) -> None:

@@ -22,7 +22,7 @@ WHAT = "show a scene or play a run in the browser, or write it as html, pictures
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file (.toml) or model: its start; stored run (.npz): its motion")
+    parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file or model: its start; stored run (.npz): its motion")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write one self-contained page instead of opening a browser")
     parser.add_argument("--png", type=Path, metavar="FILE", help="write a still")
     parser.add_argument("--time", type=float, metavar="T", help="[s] of the still (default: the end)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import logging
 import math
 import time
 import warnings
@@ -35,6 +36,8 @@ from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
 
 Array = NDArray[np.float64]
+LOG = logging.getLogger("vlmb")
+LOG.addHandler(logging.NullHandler())  # silent unless a program asks for it
 
 MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
 SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
@@ -132,6 +135,9 @@ def _simulated(
         began, used = time.perf_counter(), time.thread_time()
         loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
         interrupts.answer()
+        LOG.info("%s: begins: %s, engine %s, %g s from t = %g s", mechanism.scene.name, run.method, mover.name, run.duration, t0)
+        for sentence in begin.adjustments:
+            LOG.info("%s: %s", mechanism.scene.name, sentence)
 
         def trajectory(status: str, message: str) -> Trajectory:
             stats = {
@@ -149,7 +155,17 @@ def _simulated(
             with contextlib.suppress(AttributeError):  # a type without room for it
                 error.trajectory = trajectory("failed", loop.failed_by(error))  # type: ignore[attr-defined]
             raise
-        return trajectory(status, message)
+        return _logged(trajectory(status, message))
+
+
+def _logged(trajectory: Trajectory) -> Trajectory:
+    """Tell the log how a run ended, and what is doubtful of it."""
+    name, steps = trajectory.scene.name, trajectory.stats["steps"]
+    level = logging.WARNING if trajectory.status == "failed" else logging.INFO
+    LOG.log(level, "%s: %s %d steps", name, trajectory.message, steps)
+    for doubt in trajectory.doubts:
+        LOG.warning("%s: doubtful: %s", name, doubt)
+    return trajectory
 
 
 def _kept(make: Callable[[], Trajectory]) -> Trajectory:
