@@ -74,7 +74,7 @@ def constrain(
         write_matrix(sizes, space)
         free = rows.table[0, FREE]
         u0 = buffers.slots[tape.root[free], 0] / product_of_scales(rows, sizes) if free >= 0 else 0.0
-        if not solve_programme(sizes, space, u0):
+        if not solve_programme(sizes, memory, u0):
             return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
     write_multipliers(sizes, space)
     first = tree.shape[of.POSITIONS]

@@ -13,7 +13,7 @@ from vlmb.core.dense import (
     solve_upper,
 )
 from vlmb.core.jit import kernel
-from vlmb.core.row_arrays import REPEATING, SIDE, Sizes, Space
+from vlmb.core.row_arrays import REPEATING, SIDE, RowMemory, Sizes, view
 from vlmb.core.tree import Array
 
 RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
@@ -22,22 +22,24 @@ UNMET = 1e-6  # of the largest beta, or [1/s^2]: error of a row that the control
 
 
 @kernel
-def solve_programme(sizes: Sizes, space: Space, free: float) -> bool:
+def solve_programme(sizes: Sizes, memory: RowMemory, free: float) -> bool:
     """Write the controls over their scales into the shares; return whether the rows of the programme are met.
+
+    Here and below the memory is handed over, not its parts: each would cost nanoseconds.
 
     free: u0 over the product of the scales; then there is one control more than rows. Secondary rows take what the others
     leave; with as many controls as all rows together this is one system.
     """
-    r, s, servo, beta, u = sizes.beyond, sizes.controls, sizes.servo, space.wanted[sizes.ideal :], space.shares
-    if servo < r <= s and least(space, r, s, beta, u):
+    r, servo = sizes.beyond, sizes.servo
+    if servo < r <= sizes.controls and least(sizes, memory, r):
         return True
-    regular = least(space, servo, s, beta, u)
-    space.state[REPEATING] = 0.0 if regular else 1.0
-    met = True if regular else least_deficient(space, servo, s, beta, u, space.errors[sizes.ideal :])
+    regular = least(sizes, memory, servo)
+    view(sizes, memory).state[REPEATING] = 0.0 if regular else 1.0
+    met = True if regular else least_deficient(sizes, memory)
     if met and r > servo:
-        add_secondary(space, servo, r, s, beta, u)
+        add_secondary(sizes, memory)
     elif met and free != 0.0:
-        add_free(space, servo, free, u)
+        add_free(sizes, memory, free)
     return met
 
 
@@ -50,9 +52,10 @@ def copy(a: Array, rows: int, columns: int, out: Array) -> None:
 
 
 @kernel
-def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool:
+def least(sizes: Sizes, memory: RowMemory, rows: int) -> bool:
     """Solve G u = beta for the least u; False where pivots show rows that repeat each other. Notes the sign of det G."""
-    a, pivots, state = space.first, space.second[0], space.state
+    space, controls = view(sizes, memory), sizes.controls
+    a, pivots, state, u, beta = space.first, space.second[0], space.state, space.shares, space.wanted[sizes.ideal :]
     copy(space.matrix, rows, controls, a)
     bound = RANK * max(largest_entry(a, rows, controls), SMALLEST)
     for k in range(controls):
@@ -76,9 +79,11 @@ def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool
 
 
 @kernel
-def least_deficient(space: Space, rows: int, controls: int, beta: Array, u: Array, errors: Array) -> bool:
+def least_deficient(sizes: Sizes, memory: RowMemory) -> bool:
     """The same for rows that repeat each other; False where they ask for what the controls cannot give, with their errors."""
+    space, rows, controls = view(sizes, memory), sizes.servo, sizes.controls
     a, b, x, largest, worst = space.first, space.second, space.third, 1.0, 0.0
+    u, beta, errors = space.shares, space.wanted[sizes.ideal :], space.errors[sizes.ideal :]
     for i in range(rows):
         largest = max(largest, abs(beta[i]))
         b[i, 0] = beta[i]
@@ -98,8 +103,10 @@ def least_deficient(space: Space, rows: int, controls: int, beta: Array, u: Arra
 
 
 @kernel
-def add_secondary(space: Space, servo: int, rows: int, controls: int, beta: Array, u: Array) -> None:
+def add_secondary(sizes: Sizes, memory: RowMemory) -> None:
     """Add Z x with the least squares of what the secondary rows lack, G_2 (u + Z x) - beta_2; Z spans the kernel of G."""
+    space, servo, rows, controls = view(sizes, memory), sizes.servo, sizes.beyond, sizes.controls
+    u, beta = space.shares, space.wanted[sizes.ideal :]
     a, inside, null, count = space.first, space.second, controls - servo, rows - servo
     lacking, x = space.third[:count], space.third[count:]
     copy(space.matrix, rows, controls, a)
@@ -120,8 +127,10 @@ def add_secondary(space: Space, servo: int, rows: int, controls: int, beta: Arra
 
 
 @kernel
-def add_free(space: Space, rows: int, free: float, u: Array) -> None:
+def add_free(sizes: Sizes, memory: RowMemory, free: float) -> None:
     """Add u0 u_tau of (5.6) for one control more than rows: u_tau is the generalized cross product of the rows of G."""
+    space, rows = view(sizes, memory), sizes.servo
+    u = space.shares
     a, pivots, cross = space.first, space.second[0], space.third[0]
     copy(space.matrix, rows, rows + 1, a)
     reflect(a, rows, rows, rows + 1, pivots)
