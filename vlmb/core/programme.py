@@ -13,7 +13,9 @@ from vlmb.core.dense import (
     solve_upper,
 )
 from vlmb.core.jit import kernel
-from vlmb.core.row_arrays import REPEATING, SIDE, Sizes, Space
+from vlmb.core.opcodes import Buffers, Tape
+from vlmb.core.row_arrays import BORDER, COLUMN, FREE, OF_ROW, REPEATING, ROOT, SIDE, VARYING, Rows, Sizes, Space
+from vlmb.core.scalars import sqrt
 from vlmb.core.tree import Array
 
 RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
@@ -22,11 +24,40 @@ UNMET = 1e-6  # of the largest beta, or [1/s^2]: error of a row that the control
 
 
 @kernel
-def solve_programme(sizes: Sizes, space: Space, free: float) -> bool:
+def solve_programme(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers) -> bool:
     """Write the controls over their scales into the shares; return whether the rows of the programme are met.
 
-    free: u0 over the product of the scales; then there is one control more than rows. Secondary rows take what the others
-    leave; with as many controls as all rows together this is one system.
+    Weights that the motion gives change the scales of this instant.
+    """
+    varying = rows.table[0, VARYING]
+    for k in range(sizes.controls if varying > 0 else 0):
+        ratio = ratio_of(rows, sizes, tape, buffers, k)
+        for i in range(sizes.beyond):
+            space.matrix[i, k] *= ratio
+    met = share_out(sizes, space)
+    if met and rows.table[0, FREE] >= 0:
+        add_free(rows, sizes, space, tape, buffers)
+    for k in range(sizes.controls if varying > 0 else 0):
+        space.shares[k] *= ratio_of(rows, sizes, tape, buffers, k)
+    return met
+
+
+@kernel
+def ratio_of(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers, k: int) -> float:
+    """Return the scale of a control at this instant over its constant one: 1/sqrt(R) over that, if the motion gives R."""
+    count = sizes.ideal - sizes.held + sizes.beyond
+    for j in range(rows.table[0, VARYING]):
+        entry = rows.table[1 + count + sizes.controls + j]
+        if entry[OF_ROW] < 0 and entry[COLUMN] == k:
+            return 1.0 / (sqrt(buffers.slots[tape.root[entry[ROOT]], 0]) * rows.gains[count, k])
+    return 1.0
+
+
+@kernel
+def share_out(sizes: Sizes, space: Space) -> bool:
+    """Write the least controls that meet all rows; return whether those of the programme are met.
+
+    Secondary rows take what the others leave; with as many controls as all rows together this is one system.
     """
     r, s, servo, beta, u = sizes.beyond, sizes.controls, sizes.servo, space.wanted[sizes.ideal :], space.shares
     if servo < r <= s and least(space, r, s, beta, u):
@@ -36,8 +67,6 @@ def solve_programme(sizes: Sizes, space: Space, free: float) -> bool:
     met = True if regular else least_deficient(space, servo, s, beta, u, space.errors[sizes.ideal :])
     if met and r > servo:
         add_secondary(space, servo, r, s, beta, u)
-    elif met and free != 0.0:
-        add_free(space, servo, free, u)
     return met
 
 
@@ -120,16 +149,22 @@ def add_secondary(space: Space, servo: int, rows: int, controls: int, beta: Arra
 
 
 @kernel
-def add_free(space: Space, rows: int, free: float, u: Array) -> None:
-    """Add u0 u_tau of (5.6) for one control more than rows: u_tau is the generalized cross product of the rows of G."""
-    a, pivots, cross = space.first, space.second[0], space.third[0]
-    copy(space.matrix, rows, rows + 1, a)
-    reflect(a, rows, rows, rows + 1, pivots)
-    size = free
-    for k in range(rows):
+def add_free(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers) -> None:
+    """Add u0 u_tau of (5.6): u_tau is the generalized cross product of the rows of G, and of those of the border below them."""
+    a, pivots, cross, s, servo = space.first, space.second[0], space.third[0], sizes.controls, sizes.servo
+    count, border = rows.gains.shape[0] - 1, rows.table[0, BORDER]
+    copy(space.matrix, servo, s, a)
+    size = buffers.slots[tape.root[rows.table[0, FREE]], 0]
+    for k in range(s):
+        scale = rows.gains[count, k] * ratio_of(rows, sizes, tape, buffers, k)
+        size /= scale
+        for i in range(s - 1 - servo):
+            a[servo + i, k] = buffers.slots[tape.root[border + i * s + k], 0] * scale
+    reflect(a, s - 1, s - 1, s, pivots)
+    for k in range(s - 1):
         size *= pivots[k]
         cross[k] = 0.0
-    cross[rows] = size
-    reflect_back(a, rows, rows + 1, cross)
-    for k in range(rows + 1):
-        u[k] += cross[k]
+    cross[s - 1] = size
+    reflect_back(a, s - 1, s, cross)
+    for k in range(s):
+        space.shares[k] += cross[k]
