@@ -215,9 +215,10 @@ class Names(Collection[str]):
         owner, _, point = place.partition(".")
         i = self.links.get(owner)
         if i is None:
-            raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(owner, self.links)} Points are {POINTS_OF}")
+            raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(owner, self.links)}; points are {POINTS_OF}")
         if point not in POINTS:
-            raise SceneError(f"{where}: {owner!r} has no point {point!r:.80}; {nearest(point, POINTS)}")
+            missing = f"has no point {point!r:.80}" if point else "is a link, and a point of it is needed"
+            raise SceneError(f"{where}: {owner!r} {missing}; {nearest(point, POINTS)}" + f" (e.g. {owner}.tip)" * (not point))
         if point == "tip" and self.layout.links[i].upper.loose:
             why = "ends a free segment that carries no mass, so that its place has no equation"
             raise SceneError(f"{where}: {place} {why}; give the link a tip_mass, fix its upper segment, or take {owner}.rod_end")

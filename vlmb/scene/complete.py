@@ -214,7 +214,9 @@ def _check_force(force: Force, key: str, refuse: Any) -> None:
         refuse(key, f"give one of {what} and `between` (a spring between two directions)")
     if not kinds["at"] and (force.force is not None or force.frame != SURFACE):
         refuse(key, "`force` and `frame` belong to `at`: at = 'legs.tip', force = ['10', '0', '0']")
-    if force.on is not None and (force.law is None or force.stiffness or force.damping or force.rest):
+    if force.on is not None and force.law is None:
+        refuse(key, f"the force on {force.on} needs a law, a number or an expression of t: law = '20*sin(3*t)'")
+    if force.on is not None and ( force.stiffness or force.damping or force.rest):
         refuse(key, "a force has the keys `on` and `law` only")
     if force.at is not None and (force.force is None or force.law is not None):
         refuse(key, "a force at a point has `force`, a list of three laws [N], and no `law`")

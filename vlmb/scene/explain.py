@@ -25,6 +25,22 @@ from vlmb.scene.tables import (
     Spring,
 )
 
+BASE_HINT = 'base = {kind = "pivot"}; kinds are pivot, ski, free'
+NEEDED = {  # how a key that every table of its kind needs is written
+    "rod": "rod = {length = 0.5, mass = 2.0} in m and kg",
+    "rod.length": "length [m]",
+    "rod.mass": "mass [kg]",
+    "base": BASE_HINT,
+    "base.kind": BASE_HINT,
+    "programme.constraints": 'constraints = ["psi1 = 1.4"]',
+    "programme.controls": 'controls = ["M_psi1"]',
+}
+FOREIGN = {  # what other programs call a key
+    "dt": "step", "timestep": "step", "time_step": "step", "tol": "rtol", "tolerance": "rtol", "solver": "method",
+    "integrator": "method", "t_end": "duration", "tmax": "duration", "time": "duration", "g": "gravity", "k": "stiffness",
+    "spring": "stiffness", "c": "damping", "damper": "damping", "l0": "rest", "rest_length": "rest", "m": "mass", "l": "length",
+    "initial": "start", "angle": "slope", "type": "kind", "expression": "law", "value": "law",
+}  # fmt: skip
 WORDS = {"object": "table", "array": "list", "str": "text", "int": "number", "float": "number", "bool": "true or false"}
 
 
@@ -44,7 +60,8 @@ def explain(message: str, data: dict[str, Any], root: type, written: Mapping[str
     missing = re.match(r"Object missing required field `(.*)`", text)
     if missing:
         where = f"{path}.{missing[1]}" if path else missing[1]
-        return f"missing key {where!r}"
+        hint = NEEDED.get(".".join(re.sub(r"\[\d+\]", "", where).split(".")[-2:])) or NEEDED.get(missing[1])
+        return f"missing key {where!r}" + (f": {hint}" if hint else "")
     if path.endswith("[...]"):  # one of a table's values: find which
         path = path.removesuffix("[...]")
         parent, _, key = path.rpartition(".")
@@ -59,14 +76,27 @@ def explain(message: str, data: dict[str, Any], root: type, written: Mapping[str
     if "regex" in text or "length <=" in text:
         return f"{path} = {found}: {ALLOWED_NAME}"
     text = re.sub(r"`([^`]*)`", _in_words, text)
-    hint = ", in radians (degrees times pi/180)" if path == "slope" else ""
-    return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}{hint}"
+    return f"{path or 'scene'} = {found}: {text[0].lower()}{text[1:]}{_advice(path, text)}"
+
+
+def _advice(path: str, text: str) -> str:
+    """Say how a value that is wrong in kind or range is meant to be."""
+    if path == "slope":
+        return ", in radians (degrees times pi/180)"
+    if path == "gravity":
+        return " [m/s^2]: it acts downwards; a slope tilts it"
+    if path == "base":
+        return f"; write {BASE_HINT}"
+    if text == "Expected list, got table" and path in ("links", "forces", "springs", "data"):
+        return f"; each begins with [[{path}]], with two brackets on each side"
+    return ""
 
 
 def unknown_key(path: str, key: str, valid: Iterable[str]) -> str:
     """Say that a table has no such key, and which is the nearest."""
     valid = list(valid)
-    close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    foreign = FOREIGN.get(key.lower())
+    close = [foreign] if foreign in valid else difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
     where = f"{path}.{key}" if path else key
     return f"unknown key {where!r:.200}; {hint}allowed here: {', '.join(valid)}"

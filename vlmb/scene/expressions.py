@@ -157,6 +157,9 @@ def _syntax(text: str, key: str) -> ast.expr:
     except (SyntaxError, Warning, ValueError, RecursionError, MemoryError) as error:
         words = set(re.findall(r"\w+", text)) & set(keyword.kwlist)
         hint = f"{min(words)!r} cannot be a name; " if words else "an expression has no =; " if "=" in text else ""
+        number = re.fullmatch(r"\s*([-+]?\d[\d.]*(?:[eE][-+]?\d+)?)\s*[A-Za-z][\w/^*]*(?:\s?[A-Za-z/^*\d]+)*\s*", text)
+        if number:
+            hint = f"numbers stand without their unit: {number[1]} (m, rad, s, kg, N); "
         raise failure(key, text, f"not an expression ({getattr(error, 'msg', error)})", hint + ALLOWED) from None
     if sum(isinstance(node, ast.expr) for node in ast.walk(root)) > MAX_NODES:
         raise failure(key, text, f"more than {MAX_NODES} terms", "shorten it")

@@ -14,7 +14,7 @@ import msgspec
 
 from vlmb.errors import SceneError
 from vlmb.scene.complete import complete
-from vlmb.scene.explain import unknown_key
+from vlmb.scene.explain import BASE_HINT, unknown_key
 from vlmb.scene.keys import changed_data
 from vlmb.scene.names import listed
 from vlmb.scene.recorded import take_in
@@ -60,7 +60,7 @@ class Scene(SceneTables, frozen=True, kw_only=True):
             if key not in known:
                 raise SceneError(f"{source}: {unknown_key('', key, known)}")
         if "base" not in data:
-            raise SceneError(f"{source}: missing key 'base'")
+            raise SceneError(f"{source}: missing key 'base': {BASE_HINT}")
         try:
             return Scene(**{**data, "data": take_in(data["data"], Path(folder))}) if data.get("data") else Scene(**data)
         except SceneError as error:
@@ -143,7 +143,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
             raise SceneError(f"{path}: larger than {MAX_FILE_BYTES} bytes; this is not a scene file")
         if NESTED.search(content) or content.count(b"\n[") > MAX_TABLES:
             raise SceneError(f"{path}: a key of more than 20 parts, or more than {MAX_TABLES} tables; this is not a scene file")
-        data = tomllib.loads(content.decode("utf-8-sig"))  # with a byte order mark or without
+        data = tomllib.loads(content.decode("utf-8-sig") + "\n")  # with a byte order mark or without
     except FileNotFoundError:
         raise SceneError(f"{path}: no such scene file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -161,12 +161,22 @@ def _not_toml(content: bytes, error: Exception) -> str:
     """Say why a file is no scene file: a stored run, a text without quotes, or what the reader says."""
     if content.startswith(b"PK"):
         return "a stored run, not a scene file: read it with load_trajectory, or replay it with `vlmb run`"
-    place = re.search(r"Invalid value \(at line (\d+), column (\d+)\)", str(error))
-    if place:
-        line = content.decode("utf-8-sig").splitlines()[int(place[1]) - 1]
-        bare = re.match(r"[A-Za-z_][\w.]*", line[int(place[2]) - 1 :])
-        if bare:
-            return f"not a TOML file: line {place[1]}: {bare[0]} needs quotes: a text is written \"{bare[0]}\""
+    place = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
+    if not place:
+        return f"not a TOML file: {error}"
+    line = content.decode("utf-8-sig").splitlines()[int(place[1]) - 1]
+    value, where = line.partition("=")[2].partition("#")[0].strip(), f"not a TOML file: line {place[1]}:"
+    bare = re.match(r"[A-Za-z_][\w.]*", line[int(place[2]) - 1 :])
+    if str(error).startswith("Cannot overwrite a value"):
+        return f"{where} {line.partition('=')[0].strip()!r:.80} is given twice; keep one"
+    if re.fullmatch(r"-?\d+,\d+", value):
+        return f"{where} {value}: a decimal point is meant: {value.replace(',', '.')}"
+    if value in ("True", "False"):
+        return f"{where} {value} is written {value.lower()}"
+    if str(error).startswith("Invalid value") and bare and value != bare[0] and re.match(r"[\w.]+[*/+(-]", value):
+        return f"{where} an expression needs quotes: \"{value}\""
+    if str(error).startswith("Invalid value") and bare:
+        return f"{where} {bare[0]} needs quotes: a text is written \"{bare[0]}\""
     return f"not a TOML file: {error}"
 
 

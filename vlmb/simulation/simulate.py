@@ -233,7 +233,9 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     start = consistent_start(system)
     _breaks(system, 0.0, scene.run.duration)
     engine = make_engine(system, start.branch)
-    engine.evaluate(0.0, engine.pack(start.state))
+    y, times = engine.pack(start.state), _sample_times(scene.run, None, 0.0)
+    engine.evaluate(0.0, y)
+    Loop(engine, scene.run, y, times, (), 0.0, longest_steps(scene, 0.0, scene.run.duration))  # refuses a start as a run does
     if not fits(mechanism.model.nv):
         return Checked(mechanism, start)
     workspace = system.workspace(branch=start.branch)
