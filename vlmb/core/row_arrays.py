@@ -16,8 +16,9 @@ from vlmb.core.tree import Array, Integers
 # root of the tape that the first row is, and that of u0 or -1; whether velocities are projected onto the knife edge; whether H or
 # K are not diagonal.
 HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED = range(9)
-# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control.
-FORM, WORK = range(2)
+# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1, whether it has no bound, as an
+# azimuth's towards the pole; then one for each control.
+FORM, WORK, UNBOUNDED = range(3)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
 # Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other; what the
 # ideal row that has least is still worth beside those before it, as a share of the largest that it has been, in the metric of
@@ -71,7 +72,7 @@ class Space(NamedTuple):
     shares: Array  # (S + e,) controls over their scales, multipliers
     errors: Array  # (e + r,) of rows that could not be met
     state: Array  # (8,)
-    largest: Array  # (e,) diagonal of J M^-1 J^T, its largest at accepted steps
+    largest: Array  # (e,) diagonal of J M^-1 J^T, its largest at accepted steps; 0 for a row without bound
     first: Array  # three tables of e + r + S rows for solvers
     second: Array
     third: Array

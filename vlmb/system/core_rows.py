@@ -19,6 +19,7 @@ from vlmb.core.row_arrays import (
     PROJECTED,
     SECOND,
     SERVO,
+    UNBOUNDED,
     WORK,
     RowMemory,
     Rows,
@@ -69,6 +70,7 @@ def make_rows(
     for at, row in enumerate(info):
         numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
         numbers[1 + at, WORK] = works[row.text] if at < ideal and row.working else -1
+        numbers[1 + at, UNBOUNDED] = row.unbounded
     for at, force in enumerate(acting):
         numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]
     gains = np.zeros((len(info) + 1, max(2 * len(info), len(acting) + 1)))
