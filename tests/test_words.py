@@ -180,15 +180,3 @@ def test_the_work_of_an_equation_that_names_the_time_is_counted() -> None:
     assert "do no work where an equation does not name `t`" in (
         Path(__file__).resolve().parents[1] / "docs" / "howto" / "write-a-scene.md"
     ).read_text(encoding="utf-8").replace("\n", " ")
-
-
-@pytest.mark.parametrize("plane", [False, True])
-def test_what_has_no_mass_but_is_held_says_that_any_mass_does(plane: bool) -> None:
-    """The motion with any mass in what equations hold completely is the same."""
-    keys: Table = {"constraints": ["x = 0.1*t", "z = 0"] + ([] if plane else ["y = 0"]), "plane": plane, "start": {"psi1": 0.5}}
-    legs = [link("leg", lower={"length": 0.3, "stiffness": 500.0}, upper=FIXED)]
-    with pytest.raises(vlmb.SceneError, match=r"where ideal rows hold it completely any mass gives the same motion, 1e-6 kg too"):
-        vlmb.build(scene({"kind": "free"}, legs, **keys))
-    light, heavy = (vlmb.simulate(scene({"kind": "free", "mass": mass}, legs, **keys), duration=0.5) for mass in (1e-6, 3.0))
-    np.testing.assert_allclose(light["psi1"], heavy["psi1"], atol=1e-8)
-    np.testing.assert_allclose(light["xi1_1"], heavy["xi1_1"], atol=1e-8)

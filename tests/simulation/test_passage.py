@@ -109,3 +109,17 @@ def test_a_limit_met_while_passing_ends_the_run_there() -> None:
     assert met.status == "stopped"
     assert "limit" in met.message
     assert met.t[-1] == pytest.approx(FIRST_LINE_UPS[0] + 1e-3, abs=1e-8)
+
+
+@pytest.mark.parametrize("lean", [-0.9, -0.87, -0.84])
+@pytest.mark.parametrize("row", ["phi1 = 0.2", "phi1 = 0.2 + 0*t", "2*p.azimuth - 0.4 = 0"])
+def test_an_azimuth_that_is_given_through_the_pole_is_no_loss(row: str, lean: float) -> None:
+    """Its row is worth more the nearer to the pole, and no less beyond: the motion is that of the same links in a plane."""
+    links = [{"name": name, "rod": {"length": 0.5, "mass": 1.0}} for name in "pq"]
+    start, run = {"psi1": lean, "psi1_dot": -1.0, "psi2": 0.3}, {"rtol": 1e-11, "atol": 1e-12}
+    scene = {"base": {"kind": "pivot"}, "links": links, "run": run}
+    found = vlmb.simulate({**scene, "constraints": [row], "start": start | {"phi1": 0.2, "phi2": 0.2}}, 1.0)
+    plane = vlmb.simulate({**scene, "plane": True, "start": start}, 1.0)
+    assert found.status == "finished", found.message
+    out = math.cos(0.2) * found.position("q", "tip")[:, 0] + math.sin(0.2) * found.position("q", "tip")[:, 1]
+    np.testing.assert_allclose(out, plane.position("q", "tip")[:, 0], atol=1e-9)

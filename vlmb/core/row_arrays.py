@@ -17,9 +17,9 @@ from vlmb.core.tree import Array, Integers
 # K are not diagonal; how many gains and weights the motion gives; the root that the first entry of the border is, or -1; how many
 # roots stand behind those of the rows: u0, such gains and weights, the border by rows.
 HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED, VARYING, BORDER, BEHIND = range(12)
-# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control;
-# then one for each gain or weight that the motion gives.
-FORM, WORK = range(2)
+# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1, whether it has no bound, as an
+# azimuth's towards the pole; then one for each control; then one for each gain or weight that the motion gives.
+FORM, WORK, UNBOUNDED = range(3)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
 ROOT, OF_ROW, COLUMN = range(3)  # of a gain: where in (H, K) it stands; of a weight: OF_ROW is -1, COLUMN the control
 # Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other; what the
@@ -74,7 +74,7 @@ class Space(NamedTuple):
     shares: Array  # (S + e,) controls over their scales, multipliers
     errors: Array  # (e + r,) of rows that could not be met
     state: Array  # (8,)
-    largest: Array  # (e,) diagonal of J M^-1 J^T, its largest at accepted steps
+    largest: Array  # (e,) diagonal of J M^-1 J^T, its largest at accepted steps; 0 for a row without bound
     first: Array  # three tables of e + r + S rows for solvers
     second: Array
     third: Array

@@ -53,6 +53,7 @@ from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_acceleratio
 from vlmb.core.row_arrays import SIDE as DET_SIDE
 from vlmb.core.row_arrays import (
     SIDE_BEFORE,
+    UNBOUNDED,
     WORTH,
     WORTH_BEFORE,
     WORTH_BOUND,
@@ -167,7 +168,8 @@ def note_worth(rows: Rows, memory: RowMemory, t: float) -> float:
     space = view(sizes, memory)
     state = space.state
     for i in range(sizes.ideal):
-        space.largest[i] = max(space.largest[i], space.square[i, i])
+        if i < sizes.held or rows.table[1 + i - sizes.held, UNBOUNDED] == 0:
+            space.largest[i] = max(space.largest[i], space.square[i, i])
     since = t - state[WORTH_TIME]
     rate, bound, room = follow_worth(state[WORTH], state[WORTH_BEFORE], since, state[WORTH_BOUND])
     state[WORTH_RATE], state[WORTH_BOUND], state[WORTH_BEFORE], state[WORTH_TIME] = rate, bound, state[WORTH], t

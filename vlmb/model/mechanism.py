@@ -35,6 +35,7 @@ from vlmb.scene.tables import BASE, Segment
 # A thin rod has no axial inertia, and a ball joint then a singular matrix. Without axial torque any positive value
 # gives the thin rod's motion; this multiple of the inertia about the hinge keeps the matrix well conditioned.
 AXIAL_RATIO = 1.0
+NO_INERTIA = 1.0  # [kg m^2] in its place for a link that has none about its hinge
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Mechanism(Remade, Displayed):
     layout: Layout
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
+    massless: tuple[str, ...] = ()  # what moves without inertia, so that ideal rows must hold it
 
     def __repr__(self) -> str:
         parts = [f"{self.scene.base.kind} base", self.names.shown]
@@ -121,11 +123,13 @@ class Mechanism(Remade, Displayed):
 def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
     """Generate the mechanism of a scene: of a Scene, the path of a scene file or a dict with its keys.
 
-    Raises SceneError where the scene has a motion without mass.
+    Raises SceneError where the scene has a motion without mass, and no ideal rows that might hold it.
     """
     scene = as_scene(scene)
     builder = _Builder(scene)
-    return Mechanism(scene, tuple(builder.parts), builder.layout(), tuple(builder.left_out), tuple(builder.warnings))
+    layout = builder.layout()
+    lists = (builder.left_out, builder.warnings, builder.massless)
+    return Mechanism(scene, tuple(builder.parts), layout, *(tuple(sentences) for sentences in lists))
 
 
 class _Builder:
@@ -137,6 +141,7 @@ class _Builder:
         self.joints, self.nq, self.nv = 0, 0, 0  # so far
         self.left_out: list[str] = []
         self.warnings: list[str] = []
+        self.massless: list[str] = []
         self.links: dict[int, LinkIndex] = {}
         self.order: list[int] = []
         self.names = [link.name for link in scene.links]
@@ -233,7 +238,7 @@ class _Builder:
         self.parts.append(Point(f"{link.name}.rod_start", rod_joint, _along(rod_at)))
         transverse = link.rod.transverse_inertia
         self._refuse_massless(i, rod_at if rod_joint == hinge else lower.length)
-        axial = 0.0 if self.scene.plane else AXIAL_RATIO * self._hinge_inertia(i, lower.length)
+        axial = 0.0 if self.scene.plane else AXIAL_RATIO * (self._hinge_inertia(i, lower.length) or NO_INERTIA)
         # a moving rod's inertia and all it carries have the axis of the link in common: any body may hold the axial part
         inertia = (0.0, transverse, transverse)
         self.parts.append(Body(rod_joint, link.rod.mass, _along(link.rod.centre), inertia, _along(rod_at)))
@@ -287,31 +292,27 @@ class _Builder:
     def _refuse_massless(self, i: int, lower: float) -> None:
         link = self.scene.links[i]
         if not self._mass_of(i) > 0.0:
-            raise SceneError(
-                f"links[{i}] ({link.name!r}) and all that hangs on it have no mass: give rod.mass or tip_mass"
-                f"{self._held_by_rows()}"
-            )
-        if not self._hinge_inertia(i, lower) > 0.0:
-            raise SceneError(
+            self._require_rows(f"links[{i}] ({link.name!r}) and all that hangs on it have no mass: give rod.mass or tip_mass")
+        elif not self._hinge_inertia(i, lower) > 0.0:
+            self._require_rows(
                 f"links[{i}] ({link.name!r}): all its mass sits in its hinge, so nothing resists turning; "
                 "give the rod a length or an inertia, or move tip_mass away from the hinge"
             )
 
-    def _held_by_rows(self) -> str:
-        """Say what helps where equations hold what has no mass."""
+    def _require_rows(self, sentence: str) -> None:
+        """Note what ideal rows must hold; without any raise SceneError."""
         if not self.scene.constraints:
-            return ""
-        return "; where ideal rows hold it completely any mass gives the same motion, 1e-6 kg too"
+            raise SceneError(sentence)
+        self.massless.append(sentence)
 
     def _look_for_straight_legs(self) -> None:
         """Name massless hinges between two free segments (a motion without inertia when the two links line up)."""
         first = self.children.get((BASE, "tip"), [])
         flying = self.scene.base.kind == "free" and not self.scene.base.mass
         if flying and len(first) == 1 and self.links[first[0]].lower.motion == "free":
-            raise SceneError(
+            self._require_rows(
                 f"base: the first hinge flies without mass, and the lower segment of {self.names[first[0]]!r} is free, so "
                 "the hinge slides along it without inertia: give base.mass [kg], or fix that segment"
-                f"{self._held_by_rows()}"
             )
         if flying and len(first) > 1 and all(self.links[child].lower.motion == "free" for child in first):
             names = " and ".join(repr(self.names[child]) for child in first)
@@ -322,7 +323,7 @@ class _Builder:
         for i, link in enumerate(self.scene.links):
             loaded = (link.name, "rod") in self.children
             if not link.rod.mass and not loaded and self.links[i].lower.motion == self.links[i].upper.motion == "free":
-                raise SceneError(
+                self._require_rows(
                     f"links[{i}] ({link.name!r}): its rod has no mass and both its segments are free, so one slides against the "
                     "other without inertia: give rod.mass, or fix one of the segments"
                 )

@@ -30,6 +30,7 @@ from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
+from vlmb.system.massless import SINGULAR, require_held
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
@@ -40,7 +41,6 @@ LOG = logging.getLogger("vlmb")
 LOG.addHandler(logging.NullHandler())  # silent unless a program asks for it
 
 MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
-SINGULAR = 1e14  # condition of the scaled mass matrix at which a start is refused
 AT_REST, UNSTABLE = 1e-9, 1e-6  # [m/s^2, rad/s^2] accelerations of a balanced start; [1/s^2] growth that counts
 APART = 1e-6  # of the largest acceleration: what two engines may differ by, as differences of velocities tell
 NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
@@ -99,6 +99,13 @@ def simulate(
         return _simulated(mechanism, run, times, control, start, t0, progress)
 
 
+def _start(system: System, t0: float = 0.0) -> Start:
+    """Make a consistent start; what has no mass is held there."""
+    start = consistent_start(system, t0)
+    held = require_held(system, start, t0)
+    return start._replace(adjustments=(*start.adjustments, held)) if held else start
+
+
 def _takes_two(function: Callable[..., Any]) -> bool:
     """Whether a function can be called with two values; one that does not tell is given the benefit of the doubt."""
     try:
@@ -119,7 +126,7 @@ def _simulated(
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
     system = make_system(mechanism, run)
-    begin = consistent_start(system, t0)
+    begin = _start(system, t0)
     interrupts.answer()
     if control is not None:
         first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
@@ -230,7 +237,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     mechanism = build(scene)
     require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
-    start = consistent_start(system)
+    start = _start(system)
     _breaks(system, 0.0, scene.run.duration)
     engine = make_engine(system, start.branch)
     y, times = engine.pack(start.state), _sample_times(scene.run, None, 0.0)
@@ -239,10 +246,10 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     if not fits(mechanism.model.nv):
         return Checked(mechanism, start)
     workspace = system.workspace(branch=start.branch)
+    workspace.rhs(0.0, workspace.pack(start.state))
     if workspace.diagnostics.conditioning(start.state.q)[0] > SINGULAR:
         raise workspace.diagnostics.singular(start.state.q)
     notes = [_engines_agree(system, engine, workspace, start)] if isinstance(engine, CoreEngine) else []
-    workspace.rhs(0.0, workspace.pack(start.state))
     programme = workspace.solver.programme
     if programme is not None:
         rank, condition = programme.rank(programme.control_matrix)

@@ -8,7 +8,7 @@ from collections.abc import Container, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.run import ON_POLE, TURN
+from vlmb.core.run import ON_POLE, TURN, meets_pole
 from vlmb.model.coordinates import read_angles
 from vlmb.system.frames import LinkFrames
 
@@ -22,8 +22,8 @@ def next_branch(
 ) -> tuple[list[float], float]:
     """Return the branch at a state near the one before, and the time [s] for which it serves.
 
-    Near the pole an azimuth swings round within the time that the link needs for its distance from there; `angled` are the
-    links whose angles matter. Leaves the frames at q, unless in a plane.
+    Near the pole an azimuth swings round within the time that the link needs for its distance from there, unless the link is
+    on its way through it; `angled` are the links whose angles matter. Leaves the frames at q, unless in a plane.
     """
     layout, found, time = frames.layout, list(branch), math.inf
     if layout.base == "ski":
@@ -36,6 +36,8 @@ def next_branch(
         direction = frames.direction(i)
         found[at - 1 : at + 1] = read_angles(direction, (found[at - 1], found[at]))
         if i in angled:
-            off_pole = max(math.hypot(direction[0], direction[1]), ON_POLE)
-            time = min(time, TURN * off_pole / max(math.hypot(*omega), TINY))
+            (dx, dy, dz), (wx, wy, wz) = direction, omega
+            off_pole = max(math.hypot(dx, dy), ON_POLE)
+            if not meets_pole((dx, dy, dz), (wy * dz - wz * dy, wz * dx - wx * dz, wx * dy - wy * dx)):
+                time = min(time, TURN * off_pole / max(math.hypot(*omega), TINY))
     return found, time

@@ -3,6 +3,9 @@
     M vdot = b + J^T lambda + B u,   J vdot = gamma,   W vdot = H z + K z' - drift
 
 M^-1 (b, J^T, B) by one Cholesky; what remains is as small as the number of rows.
+
+Where rows hold what has no mass, M has no inverse, but M + J^T W J has: with b + J^T W gamma in the place of b the same vdot and
+lambda solve the equations, for any weights W >= 0.
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ Array = NDArray[np.float64]
 
 EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
+LOST = 1e-13  # of a diagonal entry: a Cholesky pivot squared below this part of it is rounding
+TINIEST = 1e-300
 SIDEWAYS = 1  # index of the ski's sideways velocity in v
 NOTHING = np.zeros(1)
 
@@ -85,6 +90,10 @@ class ConstraintSolver:
             self.integers, self.buffers = rows.readings.integers, rows.readings.buffers()
         self.answers, self.worth = self.table[0, :0], 1.0  # M^-1 J^T, and what the ideal rows are worth, at the last solution
         self.largest = self.diagonal = [0.0] * self.count  # diagonal of J M^-1 J^T: its largest at accepted steps, and the last
+        weak = mechanism.massless or mechanism.warnings  # of a motion that may have no inertia
+        self.inertias = _inertias(mechanism) if weak and scene.constraints else None
+        self.weights = np.zeros(self.count)  # W at the last solution
+        self.bounded = [not (k >= held and info[k - held].unbounded) for k in range(self.count)]
         self.working = np.array([held + k for k, row in enumerate(info[: self.ideal]) if row.working], dtype=np.intp)
 
     @property
@@ -122,8 +131,14 @@ class ConstraintSolver:
             wanted[0] = -self.gain * v.item(SIDEWAYS)
         if given is not None:
             wanted -= self.apart[n_controls + 1 :].dot(given)
-        _, answer, info = lapack.dposv(self.frames.data.M, self.right, 0, 1)  # M overwritten
-        if info:
+        mass, least = self.frames.data.M, 0.0
+        if self.inertias is not None:
+            self.weights[:] = 1.0 / np.maximum((self.jacobian[:, :count] ** 2).T @ (1.0 / self.inertias), TINIEST)
+            mass += self.added()
+            self.load += self.jacobian[:, :count] @ (self.weights * wanted[:count])
+            least = LOST * mass.diagonal()
+        factor, answer, info = lapack.dposv(mass, self.right, 0, 1)  # M overwritten
+        if info or (self.inertias is not None and (factor.diagonal() ** 2 <= least).any()):
             return None
         self.answers = answer.T[n_controls + 1 :]
         moved = answer.T.dot(self.jacobian)  # accelerations of the rows by each control, by b, by each multiplier
@@ -138,6 +153,19 @@ class ConstraintSolver:
             shares[n_controls + 1 :] = solved[:, n_controls] - solved[:, :n_controls].dot(shares[:n_controls])
         result: Array = answer.dot(shares)
         return result
+
+    def added(self) -> Array | float:
+        """Return J^T W J (nv, nv) of the last rows, which stands beside M where a motion may have no inertia; else 0."""
+        if self.inertias is None:
+            return 0.0
+        rows = self.jacobian[:, : self.count]
+        answer: Array = (rows * self.weights) @ rows.T
+        return answer
+
+    def note_largest(self) -> None:
+        """Take the last solution as one of an accepted step: by the largest diagonal it is judged what a row is still worth."""
+        pairs = zip(self.largest, self.diagonal, self.bounded, strict=True)
+        self.largest = [max(largest, own) if bounded else 0.0 for largest, own, bounded in pairs]
 
     def require_finite(self) -> None:
         """Raise SimulationError, SingularError naming the rows or the control without a finite value at the last solution."""
@@ -207,3 +235,14 @@ class ConstraintSolver:
             worst = [repr(self.names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
             raise SingularError(f"the ideal constraints {', '.join(worst)} contradict each other here: drop one of them")
         return answer
+
+
+def _inertias(mechanism: Mechanism) -> Array:
+    """An inertia (nv,) for every velocity [kg, kg m^2] that is of the size of the mechanism's: of its mass at its reach."""
+    scene, layout = mechanism.scene, mechanism.layout
+    mass = scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links) or 1.0
+    reach = sum(e.lower.length + e.rod_length + e.upper.length for e in layout.links) / len(layout.links) or 1.0
+    found = np.full(layout.nv, mass)
+    for e in layout.links:
+        found[e.v : e.v + (1 if layout.plane else 3)] = mass * reach**2
+    return found

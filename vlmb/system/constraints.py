@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.joints import rows_of_joints
+from vlmb.core.quantities import AZIMUTH
 from vlmb.errors import SceneError, SimulationError, VlmbError
 from vlmb.model.forms import RowFacts
 from vlmb.model.laws import tape_breaks
@@ -40,6 +41,7 @@ class Constraint:
     names: frozenset[str]
     working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
     azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
+    unbounded: bool = False  # W grows without bound: that of an azimuth towards the pole
 
 
 class RowValues(NamedTuple):
@@ -74,7 +76,9 @@ class ConstraintSet:
         self.behind = tuple(behind)
         forces, scales = [force for force, _ in pushed], [scale for _, scale in pushed]
         self.readings = make_readings(mechanism, self.roots, forces, scales, len(rows))
-        self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows[: len(rows)], pairs))
+        kinds = [row[0] for row in self.readings.table.rows]
+        unbounded = [any(kinds[at] == AZIMUTH for at in self.readings.read(root)) for root in range(len(rows))]
+        self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows[: len(rows)], pairs, unbounded))
         self.texts = tuple(info.text for info in self.info)
         self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
@@ -149,7 +153,9 @@ def _flat(mechanism: Mechanism, azimuth: str) -> tuple[Tree, Tree]:
     return ("name", f"{link}.direction.x"), ("name", f"{link}.direction.y")
 
 
-def _classify(row: Row, equation: Equation, facts: RowFacts, azimuths: tuple[str, str] | None) -> Constraint:
+def _classify(
+    row: Row, equation: Equation, facts: RowFacts, azimuths: tuple[str, str] | None, unbounded: bool
+) -> Constraint:
     if not facts.moves:
         raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
-    return Constraint(row.name, facts.position, facts.angle, equation.names, facts.working, azimuths)
+    return Constraint(row.name, facts.position, facts.angle, equation.names, facts.working, azimuths, unbounded)

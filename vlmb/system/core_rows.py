@@ -24,6 +24,7 @@ from vlmb.core.row_arrays import (
     ROOT,
     SECOND,
     SERVO,
+    UNBOUNDED,
     VARYING,
     WORK,
     RowMemory,
@@ -93,6 +94,7 @@ def make_rows(
     for at, row in enumerate(info):
         numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
         numbers[1 + at, WORK] = works[row.text] if at < ideal and row.working else -1
+        numbers[1 + at, UNBOUNDED] = row.unbounded
     for at, force in enumerate(acting):
         numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]
     for at, place in enumerate(varying):

@@ -30,11 +30,12 @@ class Diagnostics:
     def conditioning(self, q: Array) -> tuple[float, list[str]]:
         """Condition number of the mass matrix scaled to a unit diagonal, and the velocities of its weakest motion.
 
-        Prescribed lengths stand apart: what moves them asks for no mass.
+        Prescribed lengths stand apart: what moves them asks for no mass. So does what the rows of the last solution hold.
         """
         model = self.mechanism.model
         own = np.delete(np.arange(model.nv), self.solver.prescribed_dofs)
-        mass = np.array(pin.crba(model, self.frames.data, pin.normalize(model, q)))[np.ix_(own, own)]
+        mass = np.array(pin.crba(model, self.frames.data, pin.normalize(model, q))) + self.solver.added()
+        mass = mass[np.ix_(own, own)]
         if not np.isfinite(mass).all():
             return math.inf, ["every coordinate"]
         scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))

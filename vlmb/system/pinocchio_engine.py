@@ -122,7 +122,7 @@ class PinocchioEngine:
     def _note_worth(self, t: float, indicators: Array) -> float:
         """Write what the ideal rows are worth at an accepted step; return half the time [s] in which one is worth nothing."""
         solver = self.workspace.solver
-        solver.largest = [max(pair) for pair in zip(solver.largest, solver.diagonal, strict=True)]
+        solver.note_largest()
         rate, self.bound, room = follow_worth(solver.worth, self.worth, t - self.looked, self.bound)
         self.worth, self.looked = solver.worth, t
         indicators[VALUE, self.dependent], indicators[RATE, self.dependent] = solver.worth - self.bound, rate

@@ -126,8 +126,9 @@ class System:
 
     @cached_property
     def engine(self) -> str:
-        """What evaluates the motion: `core`, or `pinocchio` where it is asked for."""
-        return "pinocchio" if self.run.engine == "pinocchio" else "core"
+        """What evaluates the motion: `core`, or `pinocchio` where it is asked for, and where rows hold what has no inertia."""
+        weak = self.mechanism.massless or (self.mechanism.warnings and self.mechanism.scene.constraints)
+        return "pinocchio" if self.run.engine == "pinocchio" or (weak and self.run.engine == "auto") else "core"
 
     @cached_property
     def core_plan(self) -> CorePlan:
@@ -197,6 +198,9 @@ def make_system(
             'base.friction_on = "resultant": it goes by the edge force, which the knife edge as a reduction leaves out; set '
             'run.knife_edge = "multiplier"'
         )
+    if mechanism.massless and (run.engine == "core" or run.knife_edge == "projection"):
+        key, value = ("engine", "pinocchio") if run.engine == "core" else ("knife_edge", "multiplier")
+        raise SceneError(f'{mechanism.massless[0]}, or let ideal rows hold it with run.{key} = "{value}"')
     springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
     forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
     held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
