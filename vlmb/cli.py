@@ -1,4 +1,4 @@
-"""The command line: vlmb run | info | check | matrices | plot | view | bench.
+"""The command line: vlmb run | info | check | matrices | plot | view | bench | sweep.
 
 Exit codes: 0 done, 1 failed, refused, interrupted or doubtful, 2 wrong usage.
 """
@@ -30,6 +30,7 @@ from vlmb.simulation.methods import METHODS
 from vlmb.simulation.simulate import Checked, check, run_options, simulate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies import bench
+from vlmb.studies import commands as study_commands
 from vlmb.studies.work_precision import measure
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
@@ -102,6 +103,7 @@ def make_parser() -> argparse.ArgumentParser:
     _view_arguments(seen)
     measured = command("bench", "measure error against CPU time of every method and form of the knife edge", _bench)
     _bench_arguments(measured)
+    study_commands.add(command)
     plot = command("plot", "draw the plots of stored runs; several runs share one figure", _plot)
     plot.add_argument("runs", nargs="*", help="stored runs (.npz)")
     plot.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
