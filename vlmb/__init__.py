@@ -49,11 +49,13 @@ __all__ = [
     "equations_of_motion",
     "hinge_moments",
     "inverse",
+    "linearize",
     "load_scene",
     "load_trajectory",
     "plots",
     "sample",
     "simulate",
+    "steady",
     "sweep",
     "view",
 ]
@@ -70,7 +72,9 @@ Displayed.card = staticmethod(_card)
 
 if TYPE_CHECKING:
     from vlmb.equations import closed_form, hinge_moments
+    from vlmb.studies.linearize import linearize
     from vlmb.studies.sampling import sample
+    from vlmb.studies.steady import steady
     from vlmb.studies.sweep import sweep
     from vlmb.views import plots, view
 else:
@@ -80,7 +84,7 @@ else:
         "plots": "vlmb.views.plots",
         "view": "vlmb.views.view",
     }
-    STUDIES = {"sample": "sampling", "sweep": "sweep"}  # functions, each with its module in studies
+    STUDIES = {"linearize": "linearize", "sample": "sampling", "steady": "steady", "sweep": "sweep"}  # functions and modules
 
     def __getattr__(name: str) -> Any:
         """Import a module that few need when it is first asked for."""

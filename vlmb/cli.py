@@ -1,4 +1,4 @@
-"""The command line: vlmb run | info | check | matrices | plot | view | bench | sweep.
+"""The command line: vlmb run | info | check | matrices | plot | view | bench | sweep | steady.
 
 Exit codes: 0 done, 1 failed, refused, interrupted or doubtful, 2 wrong usage.
 """

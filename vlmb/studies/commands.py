@@ -1,4 +1,4 @@
-"""Studies on the command line: vlmb sweep."""
+"""Studies on the command line: vlmb sweep, vlmb steady."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ Command = Callable[[str, str, Callable[[argparse.Namespace], int]], argparse.Arg
 
 def add(command: Command) -> None:
     """Describe the commands of studies."""
+    still = command("steady", "find a steady motion, such as a turn, and how stable it is", _steady)
+    still.add_argument("scene", help="scene file (.toml)")
+    still.add_argument("--speed", type=float, help="[m/s] of the ski")
+    still.add_argument("--radius", type=float, help="[m] of its turn, positive to the left")
+    still.add_argument("--hold", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="any other quantity")
     swept = command("sweep", "simulate a scene many times; write a table of what is kept", _sweep)
     swept.add_argument("scene", help="scene file (.toml)")
     swept.add_argument(
@@ -38,6 +43,28 @@ def add(command: Command) -> None:
     swept.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, e.g. tcp://10.0.0.1:8786")
     swept.add_argument("--resume", action="store_true", help="go on with the study in the folder")
     swept.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _steady(args: argparse.Namespace) -> int:
+    from vlmb.studies.linearize import linearize
+    from vlmb.studies.steady import steady
+
+    hold: dict[str, float] = {name: getattr(args, name) for name in ("speed", "radius") if getattr(args, name) is not None}
+    for text in args.hold:
+        name, _, value = text.partition("=")
+        try:
+            hold[name] = float(value)
+        except ValueError:
+            raise VlmbError(f"--hold {text}: must be NAME=VALUE") from None
+    found = steady(args.scene, hold)
+    linear = linearize(found)
+    print(f"{found.scene.name}: steady motion, residual {found.residual:.1e}, family of {found.family}; {linear.stability}")
+    for name, value in {**found.coordinates, **found.rates}.items():
+        print(f"  {name:<24s} {value:.9g}")
+    print(f"  in {', '.join(linear.names)}")
+    for value, label in zip(linear.eigenvalues, linear.labels, strict=True):
+        print(f"  eigenvalue               {value.real:+.6g} {value.imag:+.6g}i 1/s{f'  {label}' if label else ''}")
+    return 0
 
 
 def _sweep(args: argparse.Namespace) -> int:
