@@ -1,78 +1,48 @@
-"""Studies on the command line: vlmb sweep, vlmb steady."""
+"""vlmb sweep: a scene many times."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from vlmb.errors import StudyError, VlmbError
 from vlmb.model.names import counted
 from vlmb.scene.scene import load_scene
+from vlmb.studies.sampling import METHODS, sample
+from vlmb.studies.sweep import sweep
 
-Command = Callable[[str, str, Callable[[argparse.Namespace], int]], argparse.ArgumentParser]
+WHAT = "simulate a scene many times; write a table of what is kept"
 
 
-def add(command: Command) -> None:
-    """Describe the commands of studies."""
-    still = command("steady", "find a steady motion, such as a turn, and how stable it is", _steady)
-    still.add_argument("scene", help="scene file (.toml)")
-    still.add_argument("--speed", type=float, help="[m/s] of the ski")
-    still.add_argument("--radius", type=float, help="[m] of its turn, positive to the left")
-    still.add_argument("--hold", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="any other quantity")
-    swept = command("sweep", "simulate a scene many times; write a table of what is kept", _sweep)
-    swept.add_argument("scene", help="scene file (.toml)")
-    swept.add_argument(
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe what the command takes."""
+    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument(
         "--vary", action="append", default=[], metavar="KEY=VALUES", required=True,
         help="LOW:HIGH:COUNT or A,B,C at a key path, e.g. links.legs.lower.stiffness=8e3:16e3:9; with --sample LOW:HIGH",
     )  # fmt: skip
-    swept.add_argument(
+    parser.add_argument(
         "--keep", nargs="+", action="extend", default=[], metavar="NAME:REDUCTION",
         help="last, first, min, max, absmax, mean or rms of a quantity, e.g. psi1:last knife_edge:absmax",
     )  # fmt: skip
-    swept.add_argument("--histories", nargs="+", default=[], metavar="NAME", help="quantities whose samples are kept")
-    swept.add_argument("--sample", choices=("sobol", "latin", "halton", "uniform"), help="runs spread over the ranges, no grid")
-    swept.add_argument("--runs", type=int, default=256, help="of --sample (default: 256)")
-    swept.add_argument("--seed", type=int, default=0, help="of --sample (default: 0)")
-    swept.add_argument("-o", "--output", type=Path, default=None, help="folder (default: results/NAME_sweep)")
-    swept.add_argument("--workers", type=int, help="threads (default: the processors of this machine)")
-    swept.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, e.g. tcp://10.0.0.1:8786")
-    swept.add_argument("--resume", action="store_true", help="go on with the study in the folder")
-    swept.add_argument("--quiet", action="store_true", help="no progress bar")
+    parser.add_argument("--histories", nargs="+", default=[], metavar="NAME", help="quantities whose samples are kept")
+    parser.add_argument("--sample", choices=METHODS, help="runs spread over the ranges, no grid")
+    parser.add_argument("--runs", type=int, default=256, help="of --sample (default: 256)")
+    parser.add_argument("--seed", type=int, default=0, help="of --sample (default: 0)")
+    parser.add_argument("-o", "--output", type=Path, default=None, help="folder (default: results/NAME_sweep)")
+    parser.add_argument("--workers", type=int, help="threads (default: the processors of this machine)")
+    parser.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, e.g. tcp://10.0.0.1:8786")
+    parser.add_argument("--resume", action="store_true", help="go on with the study in the folder")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
-def _steady(args: argparse.Namespace) -> int:
-    from vlmb.studies.linearize import linearize
-    from vlmb.studies.steady import steady
-
-    hold: dict[str, float] = {name: getattr(args, name) for name in ("speed", "radius") if getattr(args, name) is not None}
-    for text in args.hold:
-        name, _, value = text.partition("=")
-        try:
-            hold[name] = float(value)
-        except ValueError:
-            raise VlmbError(f"--hold {text}: must be NAME=VALUE") from None
-    found = steady(args.scene, hold)
-    linear = linearize(found)
-    print(f"{found.scene.name}: steady motion, residual {found.residual:.1e}, family of {found.family}; {linear.stability}")
-    for name, value in {**found.coordinates, **found.rates}.items():
-        print(f"  {name:<24s} {value:.9g}")
-    print(f"  in {', '.join(linear.names)}")
-    for value, label in zip(linear.eigenvalues, linear.labels, strict=True):
-        print(f"  eigenvalue               {value.real:+.6g} {value.imag:+.6g}i 1/s{f'  {label}' if label else ''}")
-    return 0
-
-
-def _sweep(args: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
-    from vlmb.studies.sampling import sample
-    from vlmb.studies.sweep import sweep
-
+def execute(args: argparse.Namespace) -> int:
+    """Run the command; return its exit code."""
     if args.workers is not None and args.workers < 1:
         raise VlmbError(f"--workers {args.workers}: must be 1 at least")
     scene, pairs = load_scene(args.scene), [_pair(text) for text in args.vary]
