@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from vlmb._version import __version__
 from vlmb.equations.accelerations import accelerations
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
-from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, TrajectoryError, VlmbError
+from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, StudyError, TrajectoryError, VlmbError
 from vlmb.model.display import Displayed
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism, build
@@ -37,6 +37,7 @@ __all__ = [
     "Smoothing",
     "Spring",
     "State",
+    "StudyError",
     "Trajectory",
     "TrajectoryError",
     "VlmbError",
@@ -48,10 +49,14 @@ __all__ = [
     "equations_of_motion",
     "hinge_moments",
     "inverse",
+    "linearize",
     "load_scene",
     "load_trajectory",
     "plots",
+    "sample",
     "simulate",
+    "steady",
+    "sweep",
     "view",
 ]
 
@@ -67,6 +72,10 @@ Displayed.card = staticmethod(_card)
 
 if TYPE_CHECKING:
     from vlmb.equations import closed_form, hinge_moments
+    from vlmb.studies.linearize import linearize
+    from vlmb.studies.sampling import sample
+    from vlmb.studies.steady import steady
+    from vlmb.studies.sweep import sweep
     from vlmb.views import plots, view
 else:
     LATER = {
@@ -75,11 +84,14 @@ else:
         "plots": "vlmb.views.plots",
         "view": "vlmb.views.view",
     }
+    STUDIES = {"linearize": "linearize", "sample": "sampling", "steady": "steady", "sweep": "sweep"}  # functions and modules
 
     def __getattr__(name: str) -> Any:
         """Import a module that few need when it is first asked for."""
         if name in LATER:
             return importlib.import_module(LATER[name])
+        if name in STUDIES:
+            return getattr(importlib.import_module(f"vlmb.studies.{STUDIES[name]}"), name)
         raise AttributeError(f"module 'vlmb' has no attribute {name!r}")
 
     def __dir__() -> list[str]:

@@ -32,6 +32,10 @@ class TrajectoryError(VlmbError):
     """A stored trajectory cannot be read, or does not have what is asked of it."""
 
 
+class StudyError(VlmbError):
+    """A study cannot be made, or gone on with: another one is in its folder, a motion that is looked for is not there."""
+
+
 class OutputError(VlmbError, OSError):
     """A file cannot be written; what stood there before is as it was."""
 

@@ -8,7 +8,7 @@ to d by the shortest way, and without spin about d: only directions, lengths and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -240,6 +240,19 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False, driven: boo
     upright = layout.base == "ski" and layout.plane
     tree = Tree(np.array([kind, p, v, count, upright], np.int64), base, link, real)
     return Arrays(scene, layout, tree, given, layout.order)
+
+
+def renumbered_arrays(arrays: Arrays, scene: Scene) -> Arrays:
+    """Return the constants with the springs of segments as another scene has them; all else is the same."""
+    real = np.array(arrays.tree.real)
+    for row, i in enumerate(arrays.order):
+        table = scene.links[i]
+        for column, segment, first in (
+            (columns.LOWER_FREE, table.lower, columns.K1), (columns.UPPER_FREE, table.upper, columns.K2)
+        ):  # fmt: skip
+            if arrays.tree.link[row, column] and segment.motion == "free":
+                real[row, first : first + 3] = _spring(segment)
+    return replace(arrays, scene=scene, tree=arrays.tree._replace(real=real))
 
 
 def _constants(link: Link, index: LinkIndex, free: list[bool]) -> Array:

@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 
 POLE = 1e-6  # cos(psi) below which an azimuth is not read, and M_phi not applied
 QUARTER_TURN = 0.25 * math.pi**2  # [rad^2]
-OFF_POLE = 0.3  # cos(psi) above which an azimuth goes on smoothly from sample to sample
 AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes of each component of a cross product
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.model.coordinates import OFF_POLE, angle_rates, kinematics, read_angles
+from vlmb.core.along import angles_along
+from vlmb.model.coordinates import kinematics
 from vlmb.model.layout import Layout, LinkIndex
 from vlmb.model.names import AXES, POINTS, Quantity
 from vlmb.scene.scene import Scene
@@ -181,43 +181,13 @@ def read_along(seen: Postures, t: Array, branch: Array) -> tuple[Array, Array]:
             values[:, at], rates[:, at] = seen.lengths[:, c.link, c.segment - 1], seen.length_rates[:, c.link, c.segment - 1]
         elif c.kind in AXES:
             values[:, at], rates[:, at] = seen.place[:, AXES.index(c.kind)], seen.velocity_of_place[:, AXES.index(c.kind)]
-        elif c.kind == "phi0":
-            rates[:, at] = seen.turning
-    near = np.array(branch[0])
-    for s in range(count):
-        if len(branch) > 1 and not (layout.plane and s):  # in a plane no posture hides an angle: it goes on from the last one
-            near = np.array(branch[s])
-        _read_angles(seen, s, near, values[s], rates[s])
-        if s + 1 < count:
-            near = values[s] + _trusted(layout, values[s], rates[s]) * (t[s + 1] - t[s])
+    places = np.array([layout.place("psi", i) for i in range(len(layout.links))], np.int64)
+    t, heading, turning, directions, turns, branch = (
+        np.array(entry, float, order="C")
+        for entry in (t, seen.heading, seen.turning, seen.directions, seen.direction_rates, branch)
+    )
+    angles_along(
+        t, heading, turning, directions, turns, branch, places, layout.plane, layout.base == "ski",
+        np.zeros(len(layout.names)), values, rates,
+    )  # fmt: skip
     return values, rates
-
-
-def _read_angles(seen: Postures, s: int, near: Array, values: Array, rates: Array) -> None:
-    """Write heading, azimuths and elevations of a sample, and the rates of the last two, each angle nearest to `near`."""
-    layout, heading = seen.layout, float(seen.heading[s])
-    if layout.base == "ski":
-        values[2] = near[2] + math.remainder(heading - near[2], math.tau)
-    cosine, sine = math.cos(heading), math.sin(heading)
-    for i in layout.order:
-        at = layout.place("psi", i)
-        (dx, dy, dz), (ux, uy, uz) = seen.directions[s, i].tolist(), seen.direction_rates[s, i].tolist()
-        if layout.plane:
-            along, growth = cosine * dx + sine * dy, cosine * ux + sine * uy
-            values[at] = near[at] + math.remainder(math.atan2(dz, along) - near[at], math.tau)
-            rates[at] = along * uz - dz * growth
-        else:
-            angles = read_angles((dx, dy, dz), (near[at - 1], near[at]))
-            values[at - 1 : at + 1] = angles
-            rates[at - 1 : at + 1] = angle_rates((ux, uy, uz), *angles)
-
-
-def _trusted(layout: Layout, values: Array, rates: Array) -> Array:
-    """Rates of the angles that can be trusted to go on: of the heading, in a plane, and of links off the pole."""
-    trusted = np.zeros(len(values))
-    for at, c in enumerate(layout.coordinates):
-        if c.kind == "phi0" or (c.kind == "psi" and layout.plane):
-            trusted[at] = rates[at]
-        elif c.kind == "psi" and abs(math.cos(values[at])) > OFF_POLE:
-            trusted[at - 1 : at + 1] = rates[at - 1 : at + 1]
-    return trusted

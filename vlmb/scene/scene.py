@@ -90,6 +90,13 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         """
         return Scene.from_dict(changed_data(self, changes), "changed scene")
 
+    def with_numbers(self, start: dict[str, float], links: tuple[Link, ...]) -> Scene:
+        """Return this scene with tables that differ from its own in numbers which the caller has checked."""
+        made: Scene = msgspec.Struct.__copy__(self)  # type: ignore[attr-defined]
+        msgspec.structs.force_setattr(made, "start", start)
+        msgspec.structs.force_setattr(made, "links", links)
+        return made
+
     @property
     def surface_gravity(self) -> tuple[float, float, float]:
         """Gravity in the surface frame [m/s^2]: g (sin slope, 0, -cos slope)."""

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.core.along import energies_along
+from vlmb.core.calls import energies_along
 from vlmb.core.plant import make_memory
 from vlmb.core.tree import AT_P
 from vlmb.model.arrays import pinocchio_states
@@ -65,7 +65,7 @@ class Motion:
             plan, found = system.core_plan, np.empty((len(self.t), 3))
             memory = make_memory(plan.plant, plan.arrays.given)
             memory.near[:] = plan.spring_angles(self.branch[0])
-            energies_along(plan.plant, memory, np.ascontiguousarray(self.t), np.ascontiguousarray(self.states), found)
+            energies_along(plan.plant, memory, np.array(self.t), np.array(self.states, order="C"), found)
         else:
             found = _by_pinocchio(system, *self.pinocchio)
         if system.mechanism.scene.springs:

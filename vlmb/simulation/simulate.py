@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -94,7 +95,7 @@ def simulate(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
         engine=engine, max_step=max_step,
     )  # fmt: skip
-    times = _sample_times(run, t_eval, t0)
+    times = sample_times(run, t_eval, t0)
     with interrupts.held():
         return _simulated(mechanism, run, times, control, start, t0, progress)
 
@@ -125,7 +126,15 @@ def _simulated(
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    system = make_system(mechanism, run)
+    return run_system(make_system(mechanism, run), times, control, start, t0, progress)
+
+
+def run_system(
+    system: System, times: Array, control: Control | None = None, start: End | Mapping[str, float] | None = None, t0: float = 0.0,
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:  # fmt: skip
+    """Simulate a system from its scene's start; `start` is what that was made from. The rest is as in `simulate`."""
+    mechanism, run = system.mechanism, system.run
     begin = _start(system, t0)
     interrupts.answer()
     if control is not None:
@@ -188,6 +197,10 @@ def run_options(scene: Scene, **changes: Any) -> Run:
     given = {key: value for key, value in changes.items() if value is not None}
     if not given:
         return scene.run
+    if all(type(value) in (int, float, str) for value in given.values()):
+        with contextlib.suppress(msgspec.ValidationError):  # a tenth of the time of a whole scene; that says what is wrong
+            checked = msgspec.convert(given, Run)
+            return msgspec.structs.replace(scene.run, **{key: getattr(checked, key) for key in given})
     data = scene.to_dict()
     return Scene.from_dict({**data, "run": {**data.get("run", {}), **given}}, "arguments").run
 
@@ -310,7 +323,8 @@ def _growth(system: System, start: Start) -> float:
     return float(np.linalg.eigvals((np.array(apart[::2]) - np.array(apart[1::2])).T / (2.0 * NUDGE)).real.max())
 
 
-def _sample_times(run: Run, t_eval: Sequence[float] | Array | None, t0: float) -> Array:
+def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: float = 0.0) -> Array:
+    """Return the times (N,) [s] of the samples of a run."""
     if isinstance(t0, bool) or not isinstance(t0, (int, float)) or not math.isfinite(t0):
         raise SceneError(f"t0 = {t0!r:.80}: must be the time of the start, a finite number [s]")
     if t0 + run.duration / run.samples / MIN_SAMPLES == t0:

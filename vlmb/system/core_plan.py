@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from vlmb.core.along import given_along
 from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings, line_ups
-from vlmb.model.arrays import Arrays, make_arrays
+from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
 from vlmb.model.quantities import QuantityTable
@@ -60,6 +60,11 @@ class CorePlan:
         forces = listed([force.name for force in self.acting])
         sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
         return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {forces or 'none'}>"
+
+    def with_numbers(self, mechanism: Mechanism) -> CorePlan:
+        """Return this plan for a mechanism that differs in its start and in the springs of its segments alone."""
+        arrays = renumbered_arrays(self.arrays, mechanism.scene)
+        return replace(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -109,8 +114,10 @@ class CorePlan:
 
     def postures(self, t: Array, states: Array) -> Postures:
         """Return where every point is at the samples t (N,), states (N, ny)."""
-        memory = make_memory(self.plant, self.arrays.given)
-        return self.arrays.postures(states[:, : self.positions + self.velocities], self.given_at(memory, t))
+        moving = states[:, : self.positions + self.velocities]
+        if not len(self.plant.driven):
+            return self.arrays.postures(moving, np.broadcast_to(self.arrays.given, (len(t), *self.arrays.given.shape)))
+        return self.arrays.postures(moving, self.given_at(make_memory(self.plant, self.arrays.given), t))
 
 
 def make_core_plan(

@@ -14,8 +14,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.along import OFF_POLE
 from vlmb.errors import SimulationError, SingularError
-from vlmb.model.coordinates import OFF_POLE, POLE, read_angles
+from vlmb.model.coordinates import POLE, read_angles
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.system.constraints import RowValues

@@ -20,6 +20,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
+from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
@@ -91,6 +92,16 @@ class System:
     def with_inputs(self, names: Sequence[str]) -> System:
         """Return this system with forces from outside, by name; nothing is compiled again."""
         return dataclasses.replace(self, forces=applied_forces(self.mechanism, names))
+
+    def with_numbers(self, scene: Scene) -> System:
+        """Return this system with a scene that `renumbered` made of its own: nothing is compiled again."""
+        mechanism = dataclasses.replace(self.mechanism, scene=scene)
+        mechanism.__dict__.update({k: v for k, v in self.mechanism.__dict__.items() if k in ("names", "model")})
+        made = dataclasses.replace(self, mechanism=mechanism, segments=tuple(free_segments(mechanism)))
+        made.__dict__["core_plan"] = self.core_plan.with_numbers(mechanism)
+        for name in ("work_names", "reads_angles", "angled"):
+            made.__dict__[name] = getattr(self, name)
+        return made
 
     @property
     def knife_edge(self) -> str:

@@ -1,0 +1,398 @@
+"""States of a mechanism as few independent numbers, its symmetries divided out: what steady motions are sought and linearized in.
+
+A link is described by azimuth and elevation; near the pole by the horizontal components of its direction. The place is left out
+where nothing depends on it, and the heading (of a pivot or a free base: the azimuth of one link) as well: azimuths and directions
+are then counted from it. Whether they may be is tried on the equations themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core import tree as columns
+from vlmb.errors import StudyError, VlmbError
+from vlmb.model.names import DOT
+from vlmb.model.reading import read_along
+from vlmb.system import events
+from vlmb.system.core_engine import CoreEngine
+from vlmb.system.engines import make_engine
+from vlmb.system.start import Start, consistent_start
+from vlmb.system.system import System
+
+Array = NDArray[np.float64]
+
+STEEP = 0.25  # cos(psi) below which the direction's components are the coordinates
+UPRIGHT = 1e-3  # cos(psi) below which a link tells no azimuth that could be divided out
+ALIKE = 1e-9  # of the largest acceleration: by how much those of a moved state may differ
+TURN, SHIFT = 0.7, 1.3  # [rad, m] by which a state is moved to see whether that matters
+AT_SWITCH = 1e-9
+
+
+class Entry(NamedTuple):
+    """One number of a chart, and its rate."""
+
+    name: str
+    kind: str  # place | heading | azimuth | elevation | across (component of a direction) | length
+    link: int = -1
+    axis: int = 0  # of place and direction; of a length the segment
+    scale: float = 1.0
+
+
+class Chart:
+    """The chart around a state of a system: x (n,) are positions first, then velocities. `like`: with the numbers of another."""
+
+    def __init__(self, system: System, start: Start, t: float = 0.0, like: Chart | None = None) -> None:
+        if system.engine != "core":
+            raise StudyError('this needs the core: leave run.engine at "auto"')
+        engine = make_engine(system, start.branch)
+        assert isinstance(engine, CoreEngine)
+        self.system, self.engine, self.t, self.start = system, engine, t, start
+        self.layout, self.arrays = system.mechanism.layout, system.core_plan.arrays
+        self.kind = int(self.arrays.tree.shape[columns.BASE_KIND])
+        self.first = self.arrays.positions
+        self.origin = engine.pack(start.state)
+        self.works = len(self.origin) - self.first - self.arrays.velocities
+        self.values = np.array(start.branch)
+        engine.settle(t, self.origin)
+        if like is None:
+            self._refuse_switches()
+        self.symmetric: tuple[bool, ...] = (
+            tuple(self._indifferent(what) for what in ("x", "y", "z", "turn")) if like is None else like.symmetric
+        )
+        self.reference = self._reference_link() if self.symmetric[3] and self.layout.base != "ski" else -1
+        self.positions = self._position_entries()
+        self.velocities = self._velocity_entries()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers."""
+        return (*(entry.name for entry in self.positions), *(entry.name for entry in self.velocities))
+
+    @property
+    def scales(self) -> Array:
+        """Sizes of what is small for each number."""
+        return np.array([entry.scale for entry in (*self.positions, *self.velocities)])
+
+    # which numbers
+
+    def _place_axes(self) -> list[int]:
+        if self.layout.base == "ski":
+            return [0, 1]
+        if self.layout.base == "free":
+            return [0, 2] if self.layout.plane else [0, 1, 2]
+        return []
+
+    @property
+    def turning(self) -> bool:
+        """Whether the heading, or the azimuth of a link, is divided out."""
+        return self.symmetric[3] and (self.layout.base == "ski" or self.reference >= 0)
+
+    def _position_entries(self) -> list[Entry]:
+        names = self.layout.names
+        found = [Entry("xyz"[k], "place", axis=k) for k in self._place_axes() if not self.symmetric[k]]
+        if self.layout.base == "ski" and not self.turning:
+            found.append(Entry("phi0", "heading"))
+        for i, link in enumerate(self.layout.links):
+            found += self._direction_entries(i, link.name)
+            for number, segment in ((1, link.lower), (2, link.upper)):
+                name = f"xi{i + 1}_{number}"
+                if name in names and segment.motion == "free":
+                    size = max(0.1, abs(float(self.values[names.index(name)])))
+                    found.append(Entry(name, "length", i, number, size))
+        return found
+
+    def _direction_entries(self, i: int, name: str) -> list[Entry]:
+        psi = float(self.values[self.layout.place("psi", i)])
+        if self.layout.plane:
+            return [Entry(f"psi{i + 1}", "elevation", i)]
+        if abs(math.cos(psi)) < (UPRIGHT if i == self.reference else STEEP):
+            return [Entry(f"{name}.direction.{'xy'[k]}", "across", i, k) for k in (0, 1)]
+        azimuth = [] if i == self.reference else [Entry(f"phi{i + 1}", "azimuth", i)]
+        return [*azimuth, Entry(f"psi{i + 1}", "elevation", i)]
+
+    def _velocity_entries(self) -> list[Entry]:
+        found: list[Entry] = []
+        if self.layout.base == "ski":
+            found.append(Entry("speed", "speed", scale=max(1.0, abs(self._velocity(0)))))
+            if self.kind == columns.SLIDING:
+                found.append(Entry("sideways", "sideways"))
+            found.append(Entry(f"phi0{DOT}", "heading"))
+        else:
+            found += [Entry(f"{'xyz'[k]}{DOT}", "place", axis=k) for k in self._place_axes()]
+        for entry in self._shape_of_all():
+            found.append(entry._replace(name=f"{entry.name}{DOT}"))
+        return found
+
+    def _shape_of_all(self) -> list[Entry]:
+        """Entries of links, the azimuth that is divided out included: it has a rate."""
+        found = [entry for entry in self._position_entries() if entry.kind not in ("place", "heading")]
+        for at, entry in enumerate(found):
+            if entry.link == self.reference:
+                return [*found[:at], Entry(f"phi{entry.link + 1}", "azimuth", entry.link), *found[at:]]
+        return found
+
+    def _velocity(self, k: int) -> float:
+        return float(self.origin[self.first + k])
+
+    # between numbers and states of the core
+
+    def state(self, x: Array) -> Array:
+        """Return the core's state (ny,) of numbers x (n,): what is divided out is as at the start of the chart, headings 0."""
+        y = np.zeros(len(self.origin))
+        count = len(self.positions)
+        places = {(e.kind, e.link, e.axis): float(value) for e, value in zip(self.positions, x[:count], strict=True)}
+        rates = {(e.kind, e.link, e.axis): float(value) for e, value in zip(self.velocities, x[count:], strict=True)}
+        w = self.first
+        if self.layout.base == "ski":
+            for k in (0, 1):
+                y[k] = places.get(("place", -1, k), 0.0)
+            y[2] = places.get(("heading", -1, 0), 0.0)
+            speeds = [rates["speed", -1, 0], *([rates["sideways", -1, 0]] if self.kind == columns.SLIDING else [])]
+            y[w : w + len(speeds) + 1] = *speeds, rates["heading", -1, 0]
+        elif self.layout.base == "free":
+            for k in self._place_axes():
+                y[k], y[w + k] = places.get(("place", -1, k), 0.0), rates["place", -1, k]
+        for row, i in enumerate(self.arrays.order):
+            at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
+            d, u = self._direction(i, places, rates)
+            y[at : at + 3], y[w + at_rate : w + at_rate + 3] = d, u
+            for number in (1, 2):
+                if ("length", i, number) in places:
+                    length, rate = self.arrays.length_at(i, number)
+                    y[length], y[rate] = places["length", i, number], rates["length", i, number]
+        return y
+
+    def _direction(
+        self, i: int, places: Mapping[tuple[str, int, int], float], rates: Mapping[tuple[str, int, int], float]
+    ) -> tuple[Array, Array]:
+        """Return the direction of a link and its rate (3,) as the core has them, at heading 0 where that is divided out."""
+        if ("across", i, 0) in places:
+            a, b = places["across", i, 0], places["across", i, 1]
+            up = math.copysign(math.sqrt(max(1.0 - a * a - b * b, 1e-300)), math.sin(self.values[self.layout.place("psi", i)]))
+            da, db = rates["across", i, 0], rates["across", i, 1]
+            return np.array([a, b, up]), np.array([da, db, -(a * da + b * db) / up])
+        phi, psi = places.get(("azimuth", i, 0), 0.0), places["elevation", i, 0]
+        if self.layout.plane and self.layout.base == "ski" and not self.arrays.upright:
+            phi = places.get(("heading", -1, 0), 0.0)
+        turning, climbing = rates.get(("azimuth", i, 0), 0.0), rates["elevation", i, 0]
+        cp, sp, ce, se = math.cos(phi), math.sin(phi), math.cos(psi), math.sin(psi)
+        d = np.array([cp * ce, sp * ce, se])
+        u = turning * ce * np.array([-sp, cp, 0.0]) + climbing * np.array([-cp * se, -sp * se, ce])
+        return d, u
+
+    def placed(self, x: Array) -> Array:
+        """Return the core's state of numbers x with the place and the heading, or azimuth, of the chart's start."""
+        y = self.state(x)
+        if self.turning:
+            y = self._turned(y, self._turn_of(self.origin) - self._turn_of(y))
+        for k in self._place_axes():
+            if self.symmetric[k]:
+                y[k] = self.origin[k]
+        return y
+
+    def numbers(self, y: Array) -> Array:
+        """Return the numbers x (n,) of a core's state, counted from the heading, or the azimuth, that is divided out."""
+        turn = self._turn_of(y) if self.turning else 0.0
+        y = self._turned(y, -turn)
+        seen = self.system.core_plan.postures(np.array([self.t]), y[None])
+        near = self.values.copy()
+        for i in range(len(self.layout.links) if self.turning and not self.layout.plane else 0):
+            near[self.layout.place("phi", i)] -= turn
+        values, rates = (part[0] for part in read_along(seen, np.array([self.t]), near[None]))
+        found = []
+        numbers = [*((e, values, False) for e in self.positions), *((e, rates, True) for e in self.velocities)]
+        for entry, source, speeds in numbers:
+            if entry.kind == "speed":
+                found.append(float(y[self.first]))
+            elif entry.kind == "sideways":
+                found.append(float(y[self.first + 1]))
+            elif entry.kind == "across":
+                found.append(float((seen.direction_rates if speeds else seen.directions)[0, entry.link, entry.axis]))
+            else:
+                kind = {"place": "xyz"[entry.axis], "heading": "phi0", "azimuth": "phi", "elevation": "psi", "length": "xi"}
+                at = self.layout.place(kind[entry.kind], entry.link, entry.axis if entry.kind == "length" else 0)
+                found.append(float(source[at]))
+        return np.array(found)
+
+    def rates(self, x: Array) -> Array:
+        """Return dx/dt (n,). Raises what an evaluation does."""
+        y = self.state(x)
+        return self._rates_at(x, y, self.engine.evaluate(self.t, y))
+
+    def _rates_at(self, x: Array, y: Array, dy: Array) -> Array:
+        count, w = len(self.positions), self.first
+        speeds = {(e.kind, e.link, e.axis): float(v) for e, v in zip(self.velocities, x[count:], strict=True)}
+        turning = 0.0
+        if self.turning:
+            turning = speeds["heading", -1, 0] if self.layout.base == "ski" else speeds["azimuth", self.reference, 0]
+        found = []
+        for e in self.positions:
+            if e.kind == "place":
+                found.append(float(dy[e.axis]))
+            elif e.kind == "azimuth":
+                found.append(speeds["azimuth", e.link, 0] - turning)
+            elif e.kind == "across":
+                d, u = self._core_direction(e.link, y, y)
+                found.append(float(u[e.axis]) + turning * (d[1] if e.axis == 0 else -d[0]))
+            else:
+                found.append(speeds[e.kind, e.link, e.axis])
+        for e in self.velocities:
+            if e.kind in ("speed", "sideways"):
+                found.append(float(dy[w + (e.kind == "sideways")]))
+            elif e.kind == "heading":
+                found.append(float(dy[w + (2 if self.kind == columns.SLIDING else 1)]))
+            elif e.kind == "place":
+                other = float(y[w + 1 - e.axis]) if e.axis < 2 and turning else 0.0
+                found.append(float(dy[w + e.axis]) + turning * (other if e.axis == 0 else -other))
+            elif e.kind == "length":
+                found.append(float(dy[self.arrays.length_at(e.link, e.axis)[1]]))
+            else:
+                found.append(self._direction_acceleration(e, y, dy, turning))
+        return np.array(found)
+
+    def _core_direction(self, i: int, y: Array, dy: Array) -> tuple[Array, Array]:
+        """Return the direction that stands in y, and the rate of it that stands in the velocities of `dy`."""
+        row = self.arrays.rows[i]
+        at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
+        return y[at : at + 3], dy[self.first + at_rate : self.first + at_rate + 3]
+
+    def _direction_acceleration(self, e: Entry, y: Array, dy: Array, turning: float) -> float:
+        d, u = self._core_direction(e.link, y, y)
+        bend = self._core_direction(e.link, y, dy)[1]
+        if e.kind == "across":
+            return float(bend[e.axis]) + turning * float(u[1] if e.axis == 0 else -u[0])
+        flat = math.hypot(d[0], d[1])
+        side = math.copysign(1.0, math.cos(self._elevation(e.link)))
+        if self.layout.plane:
+            heading = 0.0 if self.arrays.upright or self.layout.base != "ski" else float(y[2])
+            ahead = math.cos(heading) * d[0] + math.sin(heading) * d[1]
+            along = math.cos(heading) * bend[0] + math.sin(heading) * bend[1]
+            return float(ahead * bend[2] - d[2] * along)
+        across = np.array([-d[1], d[0], 0.0]) * side / flat
+        upwards = np.array([-d[0] * d[2], -d[1] * d[2], flat * flat]) * side / flat
+        steep = side * flat
+        phi_rate, psi_rate = float(across @ u) / steep, float(upwards @ u)
+        if e.kind == "azimuth":
+            return (float(across @ bend) + 2.0 * phi_rate * psi_rate * d[2]) / steep
+        return float(upwards @ bend) - phi_rate**2 * steep * d[2]
+
+    def _elevation(self, i: int) -> float:
+        return float(self.values[self.layout.place("psi", i)])
+
+    # symmetries
+
+    def _reference_link(self) -> int:
+        """The link that is nearest to the horizontal, whose azimuth is divided out; -1 where all stand upright, or in a plane."""
+        if self.layout.plane or not self.layout.links:
+            return -1
+        flat = [abs(math.cos(self._elevation(i))) for i in range(len(self.layout.links))]
+        best = int(np.argmax(flat))
+        return best if flat[best] >= UPRIGHT else -1
+
+    def _turn_of(self, y: Array) -> float:
+        """Return the heading, or the azimuth of the link that stands for it."""
+        if self.layout.base == "ski":
+            return float(y[2])
+        d = self._core_direction(self.reference, y, y)[0]
+        side = math.cos(self._elevation(self.reference)) < 0.0
+        return math.atan2(d[1], d[0]) + math.pi * side
+
+    def _turned(self, y: Array, angle: float, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+        """Return a state moved as a whole: turned about the vertical through the origin, then shifted."""
+        y, w, c, s = np.array(y), self.first, math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        if self.layout.base == "ski":
+            y[:2] = turn[:2, :2] @ y[:2] + np.array(shift[:2])
+            y[2] += angle
+        elif self.layout.base == "free":
+            y[:3] = turn @ y[:3] + np.array(shift)
+            y[w : w + 3] = turn @ y[w : w + 3]
+        for row in range(len(self.arrays.order) if not self.arrays.upright else 0):
+            at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
+            y[at : at + 3], y[w + at_rate : w + at_rate + 3] = turn @ y[at : at + 3], turn @ y[w + at_rate : w + at_rate + 3]
+        return y
+
+    def _indifferent(self, what: str) -> bool:
+        """Whether the equations of motion stay the same where a state is shifted along an axis, or turned about the vertical."""
+        if what != "turn" and "xyz".index(what) not in self._place_axes():
+            return False
+        if what == "turn" and (self.system.mechanism.scene.slope != 0.0 or (self.layout.plane and self.layout.base != "ski")):
+            return False
+        axis = "xyz".find(what)
+        shift = [SHIFT * (k == axis) for k in range(3)]
+        angle = TURN if what == "turn" else 0.0
+        tried = 0
+        for y in self._around():
+            moved = self._turned(y, angle, shift)
+            try:
+                here, there = self._evaluated(y, 0.0), self._evaluated(moved, angle)
+            except VlmbError:
+                continue
+            tried += 1
+            back = self._turned(there, -angle)
+            if self.layout.base == "ski":
+                back[2] = there[2]
+            if np.abs(back - here).max() > ALIKE * max(1.0, float(np.abs(here).max())):
+                return False
+            if self.system.constraints is not None and not self._rows_alike(y, moved):
+                return False
+        return tried > 0
+
+    def _evaluated(self, y: Array, turn: float) -> Array:
+        values = self.values.copy()
+        for at, c in enumerate(self.layout.coordinates):
+            values[at] += turn * (c.kind in ("phi0", "phi"))
+        self.engine.memory.reference[:] = self.system.core_plan.table.reference(values)
+        try:
+            return self.engine.evaluate(self.t, y)
+        finally:
+            self.engine.memory.reference[:] = self.system.core_plan.table.reference(self.values)
+
+    def _rows_alike(self, y: Array, moved: Array) -> bool:
+        if not self.system.mechanism.scene.constraints:
+            return True
+        here, there = self.engine.rows(self.t, y), self.engine.rows(self.t, moved)
+        size = max(1.0, float(np.abs(here.z).max(initial=0.0)), float(np.abs(here.rate).max(initial=0.0)))
+        off = max(float(np.abs(here.z - there.z).max(initial=0.0)), float(np.abs(here.rate - there.rate).max(initial=0.0)))
+        return off <= ALIKE * size
+
+    def _around(self) -> list[Array]:
+        """States near the start of the chart: it, and two beside it."""
+        found, rng = [self.origin], np.random.default_rng(1)
+        for _ in range(2):
+            y = self.origin + 0.05 * rng.standard_normal(len(self.origin))
+            for row in range(len(self.arrays.order)):
+                at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
+                d, u = y[at : at + 3], y[self.first + at_rate : self.first + at_rate + 3]
+                if self.layout.plane:
+                    d[1] = u[1] = 0.0
+                d /= np.linalg.norm(d)
+                u -= (u @ d) * d
+            found.append(y)
+        return found
+
+    def _refuse_switches(self) -> None:
+        values = self.engine.indicators(self.t, self.origin)[0]
+        for event, value in zip(self.engine.events, values.tolist(), strict=True):
+            if event.kind == events.SWITCH and abs(value) < AT_SWITCH:
+                raise StudyError(f"{event.name}: this state stands on a switch, where a motion has no linearization")
+
+    # rows
+
+    def residuals(self, x: Array) -> Array:
+        """Return what ideal rows of positions lack, then the rates of all ideal rows (r,)."""
+        if not len(self.system.core_plan.row_names):
+            return np.zeros(0)
+        rows = self.engine.rows(self.t, self.state(x))
+        positional = [self.system.is_holonomic(name) for name in rows.names]
+        return np.concatenate([rows.z[np.array(positional, bool)], rows.rate])
+
+
+def chart_at(system: System, start: Start | None = None) -> Chart:
+    """Make the chart around a start, the consistent one of the scene where none is given."""
+    return Chart(system, start or consistent_start(system))

@@ -1,0 +1,202 @@
+"""Linearizations: small deviations from a motion, how they grow, and what controls do to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError
+from vlmb.model.mechanism import build
+from vlmb.scene.names import listed
+from vlmb.scene.scene import Scene, as_scene
+from vlmb.studies.chart import Chart, chart_at
+from vlmb.studies.derivatives import jacobian
+from vlmb.studies.steady import Steady, refuse_time
+from vlmb.system.start import Start, consistent_start
+from vlmb.system.system import System, make_system
+
+Array = NDArray[np.float64]
+
+GROWS = 1e-8  # of the largest eigenvalue: a growth that is some
+FLAT = 1e-9  # singular values over the largest that are none
+FAMILY, DEFECTIVE = "family", "defective"
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """dx' = A dx + B du around a motion; x are `names`, independent of each other where rows and symmetries leave no more.
+
+    `eigenvalues` (n,) [1/s] by growth, the fastest first; `modes` (n, n) are their columns over `names`, the largest entry 1.
+    `labels` tell zeros: "family" for those that lead to another steady motion, "defective" for those beside them along which
+    deviations grow with time. `error` is that of the derivatives, relative.
+    """
+
+    names: tuple[str, ...]
+    A: Array
+    B: Array
+    controls: tuple[str, ...]
+    eigenvalues: NDArray[np.complex128]
+    modes: NDArray[np.complex128]
+    labels: tuple[str, ...]
+    error: float
+    residual: float  # largest rate that the motion itself has: not 0 where it is not steady
+
+    @property
+    def growth(self) -> float:
+        """Largest growth [1/s] of a deviation that does not lead to another steady motion."""
+        found = [value.real for value, label in zip(self.eigenvalues, self.labels, strict=True) if label != FAMILY]
+        return float(max(found, default=0.0))
+
+    @property
+    def stability(self) -> str:
+        """"asymptotically stable", "neutral" (to first order nothing grows or decays) or "unstable", modulo the family."""
+        size = max(1.0, float(np.abs(self.eigenvalues).max(initial=0.0)))
+        if DEFECTIVE in self.labels or self.growth > GROWS * size:
+            return "unstable"
+        alone = len(self.eigenvalues) == self.labels.count(FAMILY)
+        return "neutral" if self.growth > -GROWS * size and not alone else "asymptotically stable"
+
+    def __repr__(self) -> str:
+        labelled = zip(self.eigenvalues, self.labels, strict=True)
+        shown = [f"{value:.6g}{f' ({label})' if label else ''}" for value, label in labelled]
+        return f"<Linearization in {listed(self.names)}: {self.stability}; eigenvalues {listed(shown)}>"
+
+
+def linearize(
+    what: Steady | Scene | str | Path | Mapping[str, Any],
+    coordinates: Mapping[str, float] | None = None,
+    rates: Mapping[str, float] | None = None,
+    *,
+    controls: Sequence[str] | None = None,
+) -> Linear:
+    """Linearize the equations of motion around a steady motion, or around a state of a scene.
+
+    Symmetries are divided out as `steady` does: azimuths and directions are counted from the heading. Positions are those that
+    rows of positions leave, velocities those that all rows leave. With a programme A is that of the closed loop. Contact and
+    friction stay as they are at this state. Azimuth and elevation are the coordinates of a link; near the pole the horizontal
+    components of its direction, `legs.direction.x`.
+
+    Parameters
+    ----------
+    coordinates, rates : of the state, over the scene's start
+    controls : forces by name whose effect is B, added to whatever acts; default: those of the programme
+
+    Raises SceneError for laws of time and unknown forces, StudyError on a switch, or where the equations are not smooth.
+    """
+    if isinstance(what, Steady):
+        if coordinates is not None or rates is not None:
+            raise SceneError("linearize: a steady motion has its coordinates and rates; leave them out")
+        scene, given = what.scene, {**what.coordinates, **what.rates}
+    else:
+        scene, given = as_scene(what), {**(coordinates or {}), **(rates or {})}
+    refuse_time(scene)
+    system = make_system(build(scene))
+    start = _start(system, given)
+    chart = chart_at(system, start)
+    x = chart.numbers(chart.origin)
+    full, error = jacobian(chart.rates, x, chart.scales)
+    basis, names = _free(chart, x)
+    picks = [chart.names.index(name) for name in names]
+    reduced = full[picks] @ basis
+    used = tuple(controls if controls is not None else system.programme.names if system.programme else ())
+    pushed = _pushes(scene, chart, used)[picks]
+    values, modes, labels = _eigen(reduced)
+    residual = float(np.abs(chart.rates(x)).max(initial=0.0))
+    return Linear(names, reduced, pushed, used, values, modes, labels, error, residual)
+
+
+def _start(system: System, given: Mapping[str, float]) -> Start:
+    """Return the state that is meant, as given: rows are not repaired where everything is."""
+    names = system.mechanism.names
+    start = consistent_start(system)
+    plain = names.canonical(given, "linearize")
+    known = {**start.coordinates, **start.rates}
+    for name in plain:
+        if name not in known:
+            names.find(name, "linearize")
+            raise SceneError(f"linearize: {name!r} is no coordinate and no rate of this scene; {names.hint(name)}")
+    known.update({name: float(value) for name, value in plain.items()})
+    coordinates = {name: known[name] for name in start.coordinates}
+    rates = {name: known[name] for name in start.rates}
+    return start._replace(state=system.mechanism.state(coordinates, rates), coordinates=coordinates, rates=rates)
+
+
+def _free(chart: Chart, x: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return how all numbers of a chart follow (n, m) from those that rows leave independent, and the names of these."""
+    count = len(chart.residuals(x))
+    if not count:
+        return np.eye(len(x)), chart.names
+    matrix = jacobian(chart.residuals, x, chart.scales)[0] * chart.scales
+    _, sizes, right = np.linalg.svd(matrix)
+    rank = int((sizes > FLAT * sizes[0]).sum())
+    null = chart.scales[:, None] * right[rank:].T
+    picks, left_over = list[int](), null / chart.scales[:, None]
+    for rows in (range(len(chart.positions)), range(len(chart.positions), len(x))):  # positions first, then what velocities add
+        own, left_over = _independent(left_over, list(rows))
+        picks += own
+    return null @ np.linalg.inv(null[picks]), tuple(chart.names[k] for k in picks)
+
+
+def _independent(matrix: Array, rows: Sequence[int]) -> tuple[list[int], Array]:
+    """Return independent ones among some rows, in order, and the matrix (n, k) on the directions in which those are 0."""
+    from scipy.linalg import qr
+
+    part = matrix[rows]
+    if not part.size:
+        return [], matrix
+    _, sizes, order = qr(part.T, pivoting=True)
+    rank = int((np.abs(np.diag(sizes)) > FLAT * max(abs(float(sizes[0, 0])), FLAT)).sum())
+    picks = sorted(rows[k] for k in order[:rank])
+    rest = np.linalg.svd(matrix[picks])[2][rank:].T if rank else np.eye(matrix.shape[1])
+    return picks, matrix @ rest
+
+
+def _pushes(scene: Scene, like: Chart, names: Sequence[str]) -> Array:
+    """Return what unit forces add to the rates of a chart's numbers (n, controls); a programme does not see them."""
+    plain = scene.changed(programme=None)
+    system = make_system(build(plain), inputs=list(names) or None)
+    chart = Chart(system, like.start, like=like)
+    x, engine = chart.numbers(chart.origin), chart.engine
+    engine.memory.inputs[:] = 0.0
+    rest, columns = chart.rates(x), []
+    for k in range(len(names)):
+        engine.memory.inputs[:] = 0.0
+        engine.memory.inputs[k] = 1.0
+        columns.append(chart.rates(x) - rest)
+    return np.array(columns).T if columns else np.zeros((len(x), 0))
+
+
+def _zeros(matrix: Array) -> tuple[int, int]:
+    """Return how many directions a matrix leaves at rest, and how often 0 is an eigenvalue: the rank of its powers falls to that.
+
+    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell.
+    """
+    scale = max(float(np.linalg.norm(matrix, 2)), 1.0)
+    power, counts = matrix / scale, [0]
+    while len(counts) <= len(matrix):
+        sizes = np.linalg.svd(power, compute_uv=False)
+        counts.append(int((sizes <= FLAT * sizes[0]).sum()) if sizes[0] > 0.0 else len(matrix))
+        if counts[-1] == counts[-2]:
+            break
+        power = power @ matrix / scale
+    return counts[1], counts[-1]
+
+
+def _eigen(matrix: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128], tuple[str, ...]]:
+    """Return eigenvalues by growth, modes and labels; zeros are told from defective ones by the rank."""
+    if not len(matrix):
+        return np.zeros(0, complex), np.zeros((0, 0), complex), ()
+    values, modes = np.linalg.eig(matrix)
+    family, zeros = _zeros(matrix)
+    labels = np.full(len(values), "", dtype=object)
+    for place, k in enumerate(np.argsort(np.abs(values))[:zeros].tolist()):
+        values[k], labels[k] = 0.0, FAMILY if place < family else DEFECTIVE
+    order = np.lexsort((-values.imag, -values.real))
+    modes = modes / np.where(np.abs(modes).max(axis=0) > 0.0, modes[np.abs(modes).argmax(axis=0), np.arange(len(values))], 1.0)
+    return values[order].astype(complex), modes[:, order].astype(complex), tuple(str(labels[k]) for k in order)
+

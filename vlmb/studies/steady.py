@@ -1,0 +1,236 @@
+"""Steady motions: relative equilibria, in which nothing changes but place and heading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, StudyError, VlmbError, finite
+from vlmb.model.mechanism import build
+from vlmb.model.names import DOT
+from vlmb.model.reading import read_along
+from vlmb.scene.names import listed
+from vlmb.scene.scene import Scene, as_scene
+from vlmb.studies.chart import Chart, chart_at
+from vlmb.studies.derivatives import jacobian
+from vlmb.system.pace import laws_of
+from vlmb.system.system import make_system
+
+Array = NDArray[np.float64]
+
+ROUNDS, HELD, FLAT = 60, 1e-10, 1e-7  # iterations; the residual that is accepted; singular values over the largest that are none
+RADIUS = "radius"
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """A steady motion: coordinates and rates by name at one instant of it, place and heading as in the scene's start.
+
+    `residual` is the largest rate [1/s, 1/s^2] that should be none; `rank` of the equations on `unknowns` numbers: what is
+    left is a family of steady motions, such as those of other speeds.
+    """
+
+    scene: Scene
+    coordinates: dict[str, float]
+    rates: dict[str, float]
+    residual: float
+    rank: int
+    unknowns: int
+    held: dict[str, float]
+
+    @property
+    def family(self) -> int:
+        """Dimensions of the family of steady motions around this one, what is held left free."""
+        return self.unknowns - self.rank
+
+    def __repr__(self) -> str:
+        shown = [f"{name} = {value:.6g}" for name, value in {**self.coordinates, **self.rates}.items() if value]
+        return f"<Steady motion of {self.scene.name!r}: {listed(shown) or 'at rest'}; residual {self.residual:.1e}>"
+
+    @property
+    def start(self) -> dict[str, float]:
+        """The start of a run of it: `simulate(scene, start=steady.start)`."""
+        names = {name for name in self.coordinates if not self._is_prescribed(name)}
+        found = {name: value for name, value in self.coordinates.items() if name in names}
+        return found | {name: value for name, value in self.rates.items() if name.removesuffix(DOT) in names}
+
+    def _is_prescribed(self, name: str) -> bool:
+        if not name.startswith("xi"):
+            return False
+        link, segment = (int(part) for part in name.removeprefix("xi").split("_"))
+        return self.scene.links[link - 1].segment(segment).motion == "prescribed"
+
+
+def steady(
+    scene: Scene | str | Path | Mapping[str, Any],
+    hold: Mapping[str, float] | None = None,
+    *,
+    guess: Mapping[str, float] | None = None,
+) -> Steady:
+    """Find a steady motion near the start of a scene: accelerations are 0, and so is every rate but those of place and heading.
+
+    Place is divided out where nothing depends on it, the heading (of a pivot or free base: the azimuth of one link) on the level
+    where nothing names it.
+
+    Parameters
+    ----------
+    hold : {name: value}: any quantity, `speed` among them, and `radius` = speed / phi0' [m] of a ski's turn, positive to the left
+    guess : coordinates and rates by name over the scene's start, where the search begins
+
+    Raises SceneError for a scene whose laws depend on time, and for a radius on a slope; StudyError where no steady motion is
+    found: the residual stays.
+    """
+    scene = as_scene(scene)
+    refuse_time(scene)
+    hold = {name: finite(f"hold: {name}", value) for name, value in (hold or {}).items()}
+    chart = _first_chart(scene, hold, guess or {})
+    _refuse_unknown(chart, hold)
+    x = chart.numbers(chart.origin)
+    for _ in range(3):  # a chart around what was found: links may have come near the pole, or away from it
+        x, residual = _solved(chart, x, hold)
+        moved = _chart_around(chart, x)
+        if moved.names == chart.names:
+            break
+        chart, x = moved, moved.numbers(moved.origin)
+    if not residual <= HELD * max(1.0, float(np.abs(x).max(initial=0.0))):
+        worst = _worst(chart, x, hold)
+        raise StudyError(
+            f"no steady motion near this start: {worst} stays at {residual:.3g}; begin nearer to one (guess), hold other "
+            "quantities, or there is none"
+        )
+    matrix = jacobian(lambda at: _lacking(chart, at, {}), x, chart.scales)[0]
+    coordinates, rates = _named(chart, x)
+    return Steady(scene, coordinates, rates, residual, _rank(matrix), len(x), dict(hold))
+
+
+def refuse_time(scene: Scene) -> None:
+    """Raise SceneError for a scene with laws of time: no motion of it is steady."""
+    timed = [str(root.text) for root in laws_of(scene) if root.names & {"t", *_signals(scene)}]
+    if timed:
+        raise SceneError(f"the law {timed[0]!r} depends on time: there is no steady motion; see vlmb.periodic")
+
+
+def _signals(scene: Scene) -> frozenset[str]:
+    columns = [f"{entry.name}.{column}" for entry in scene.data for column in entry.columns]
+    return frozenset(f"{column}{rate}" for column in columns for rate in ("", DOT, "_ddot"))
+
+
+def _first_chart(scene: Scene, hold: Mapping[str, float], guess: Mapping[str, float]) -> Chart:
+    """Make the chart around the start with what is held put into it, as far as a start may say it."""
+    names = build(scene).names
+    given = dict(guess)
+    for name, value in hold.items():
+        if name in names and names.find(name).name in names.known and names.find(name).name not in given:
+            given[names.find(name).name] = value
+    if RADIUS in hold and "speed" in hold and f"phi0{DOT}" not in given:
+        given[f"phi0{DOT}"] = hold["speed"] / hold[RADIUS]
+    start = {k: v for k, v in names.canonical(scene.start, "start").items() if k not in given}
+    if "speed" in given:
+        start = {k: v for k, v in start.items() if k not in ("x_dot", "y_dot")}
+    try:
+        scene = scene.changed(start=None).changed(start={**start, **given})
+        return chart_at(make_system(build(scene)))
+    except SceneError:
+        if guess:
+            raise
+        return chart_at(make_system(build(scene)))
+
+
+def _refuse_unknown(chart: Chart, hold: Mapping[str, float]) -> None:
+    scene, names = chart.system.mechanism.scene, chart.system.mechanism.names
+    for name, value in hold.items():
+        if name != RADIUS:
+            names.find(name, "hold")
+            continue
+        if scene.base.kind != "ski":
+            raise SceneError("hold: radius is that of a ski's turn; this scene has none")
+        if scene.slope:
+            raise SceneError("hold: radius: on a slope no turn is steady; set slope = 0")
+        if not value:
+            raise SceneError("hold: radius = 0: a ski that turns on the spot has speed = 0; hold that, and phi0_dot")
+    if "phi0" in hold and chart.turning:
+        raise SceneError("hold: phi0 is divided out: every heading has the same steady motions")
+
+
+def _chart_around(chart: Chart, x: Array) -> Chart:
+    coordinates, rates = _named(chart, x)
+    start = chart.start._replace(
+        state=chart.system.mechanism.state(coordinates, rates), coordinates=coordinates, rates=rates
+    )
+    return Chart(chart.system, start)
+
+
+def _named(chart: Chart, x: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Return coordinates and rates by name, with the place and the heading of the start."""
+    y = chart.placed(x)
+    seen = chart.system.core_plan.postures(np.array([chart.t]), y[None])
+    values, rates = read_along(seen, np.array([chart.t]), chart.values[None])
+    names = chart.layout.names
+    return (
+        dict(zip(names, values[0].tolist(), strict=True)),
+        {f"{name}{DOT}": rate for name, rate in zip(names, rates[0].tolist(), strict=True)},
+    )
+
+
+def _read(chart: Chart, x: Array, name: str) -> float:
+    """Return a quantity of the vocabulary at numbers x."""
+    y = chart.placed(x)
+    seen = chart.system.core_plan.postures(np.array([chart.t]), y[None])
+    values, rates = read_along(seen, np.array([chart.t]), chart.values[None])
+    return float(seen.read(chart.system.mechanism.names.find(name), values, rates)[0])
+
+
+def _lacking(chart: Chart, x: Array, hold: Mapping[str, float]) -> Array:
+    """Return what a steady motion must not have, what rows lack, and what is held."""
+    parts = [chart.rates(x), chart.residuals(x)]
+    for name, value in hold.items():
+        if name == RADIUS:
+            speed, turning = _read(chart, x, "speed"), _read(chart, x, f"phi0{DOT}")
+            parts.append(np.array([turning - speed / value]))
+        else:
+            parts.append(np.array([_read(chart, x, name) - value]))
+    return np.concatenate(parts)
+
+
+def _solved(chart: Chart, x: Array, hold: Mapping[str, float]) -> tuple[Array, float]:
+    """Search by Gauss-Newton of least norm with shorter steps where they do not help; return where it ends and what is left."""
+    error = _lacking(chart, x, hold)
+    for _ in range(ROUNDS):
+        size = float(np.linalg.norm(error))
+        if size < 1e-13:
+            break
+        matrix = jacobian(lambda at: _lacking(chart, at, hold), x, chart.scales, quick=True)[0] * chart.scales
+        left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
+        useful = sizes > FLAT * sizes[0]
+        step = chart.scales * (right[useful].T @ ((left[:, useful].T @ -error) / sizes[useful]))
+        longest = float(np.abs(step / chart.scales).max(initial=0.0))
+        step *= min(1.0, 0.5 / max(longest, 0.5))
+        for share in (1.0, 0.5, 0.2, 0.05, 0.01):
+            try:
+                found = _lacking(chart, x + share * step, hold)
+            except VlmbError:
+                continue
+            if float(np.linalg.norm(found)) < size:
+                x, error = x + share * step, found
+                break
+        else:
+            break
+    return x, float(np.abs(error).max(initial=0.0))
+
+
+def _worst(chart: Chart, x: Array, hold: Mapping[str, float]) -> str:
+    error = np.abs(_lacking(chart, x, hold))
+    names = [f"the rate of {name}" for name in chart.names]
+    names += ["a constraint"] * (len(error) - len(names) - len(hold)) + [f"{name} (held)" for name in hold]
+    return names[int(np.argmax(error))]
+
+
+def _rank(matrix: Array) -> int:
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    return int((sizes > FLAT * max(float(sizes[0]), 1e-300)).sum()) if sizes.size else 0
+
