@@ -80,7 +80,7 @@ def constrain(
             return code
     if sizes.beyond > 0:
         write_matrix(sizes, space)
-        if not solve_programme(rows, sizes, space, tape, buffers):
+        if not solve_programme(rows, sizes, space, memory, tape, buffers):
             return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
     write_multipliers(sizes, space)
     first = tree.shape[of.POSITIONS]
