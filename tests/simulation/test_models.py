@@ -18,6 +18,7 @@ import sympy
 
 import vlmb
 from tests.reference import exact
+from vlmb.scene.rows import rows_of
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "models"
@@ -145,8 +146,8 @@ def programme_decay(trajectory: vlmb.Trajectory, tolerance: float) -> None:
     assert programme is not None and isinstance(programme.frequency, float) and programme.damping_ratio == 1.0
     t, w = trajectory.t, programme.frequency
     start, errors = [], []
-    for text in programme.constraints:
-        z, rate = trajectory.residuals[text]
+    for row in rows_of(trajectory.scene).servo:
+        z, rate = trajectory.residuals[row.name]
         assert z is not None
         push = rate[0] + w * z[0]
         decayed = (z[0] + push * t) * np.exp(-w * t), (rate[0] - w * push * t) * np.exp(-w * t)
