@@ -41,6 +41,7 @@ __all__ = ["Answer", "Contact", "Grip", "Refusal", "impact", "modes", "reactions
 
 GENTLE = 1e-6  # m/s: an approach that is slower has no restitution
 SAME = 1e-9  # two answers whose velocities differ by less are one
+SHORT, LONG = 1000, 20_000  # steps of a guess
 FEW = 2  # frictions whose directions are to be found: up to here every mode is looked at
 
 
@@ -97,7 +98,7 @@ def _solve(g: Array, b: Array, contacts: Sequence[Contact], *, rough_limit: bool
 def _found(problem: Problem, every: Sequence[Mode], free: int, thorough: bool) -> Iterator[Answer]:
     """Yield admissible answers, of the most sticking mode first; of many contacts a guess comes next."""
     yield from answers(problem, every[0], thorough=thorough)
-    guess = likely(problem) if (free > FEW and not thorough) or (free > 1 and thorough) else None
+    guess = likely(problem, LONG if thorough else SHORT) if free > (1 if thorough else FEW) else None
     if guess is not None:
         yield from answers(problem, guess[0], start=guess[1])
     for mode in every[1:]:

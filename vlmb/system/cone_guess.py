@@ -8,13 +8,12 @@ import numpy as np
 
 from vlmb.system.cone_modes import Array, Directions, Mode, Problem
 
-STEPS = 1000
 CLOSE = 1e-9
 ZERO = 1e-6  # parts of the largest below this are zero
 
 
-def likely(problem: Problem) -> tuple[Mode, Directions] | None:
-    """Return modes and directions of slipping that may be the answer; None for contacts of more than one grip.
+def likely(problem: Problem, steps: int) -> tuple[Mode, Directions] | None:
+    """Return modes and directions of slipping that may be the answer; None for other contacts than of one grip in a plane.
 
     Split p = z with z in the cones, scaled multiplier u; -rho u is the velocity with de Saxce's term slip |v_t| on the normal,
     by which Coulomb's law is a complementarity of cones: (Acary and Cadoux).
@@ -30,7 +29,7 @@ def likely(problem: Problem) -> tuple[Mode, Directions] | None:
     values, vectors = np.linalg.eigh(scale[:, None] * problem.g * scale)
     rho = math.sqrt(max(values[-1], 1e-300) * max(values[values > 1e-9 * values[-1]][0], 1e-300))
     z, u = np.zeros(b.size), np.zeros(b.size)
-    for step in range(STEPS):
+    for step in range(steps):
         pull = rho * (z - u) - b
         pull[rows[:, 0]] -= np.where(np.isinf(slopes), 0.0, slopes) * rho * np.hypot(u[rows[:, 1]], u[rows[:, 2]])
         p = vectors @ ((vectors.T @ pull) / (values + rho))

@@ -14,7 +14,7 @@ from vlmb.system.least_reactions import RANK, Part, least
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-11  # of inequalities, against the size of the terms they compare
+TOLERANCE = 1e-12  # of inequalities, against the size of the terms they compare
 TURNS = 40  # steps of Newton's method on directions
 SETTLED = 1e-9  # rad, where they end at rounding
 FAN = 24  # sets of directions to begin with where nothing else led to an answer
