@@ -80,7 +80,7 @@ def reactions(
 def _solve(g: Array, b: Array, contacts: Sequence[Contact], *, rough_limit: bool) -> Answer | Refusal:
     problem = Problem(g, b, tuple(contacts))
     every = _modes(problem.contacts, rough_limit)
-    free = sum(grip.slip > 0.0 and grip.sliding is None for contact in contacts for grip in contact.grips)
+    free = sum(0.0 < grip.slip < math.inf and grip.sliding is None for contact in contacts for grip in contact.grips)
     best: Answer | None = None
     for thorough in (False, True):
         for found in _found(problem, every, free, thorough):
@@ -88,7 +88,7 @@ def _solve(g: Array, b: Array, contacts: Sequence[Contact], *, rough_limit: bool
                 best = found
             elif not _equal(best, found, problem):
                 return best._replace(several=True)
-            if free == 0 or free > FEW:  # without friction velocities are those of a convex problem: one answer
+            if free == 0 or free > FEW:  # smooth or rough ground makes a convex problem: one answer
                 return best
         if best is not None:
             return best
