@@ -253,7 +253,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     start = _start(system)
     _breaks(system, 0.0, scene.run.duration)
     engine = make_engine(system, start.branch)
-    y, times = engine.pack(start.state), _sample_times(scene.run, None, 0.0)
+    y, times = engine.pack(start.state), sample_times(scene.run)
     engine.evaluate(0.0, y)
     Loop(engine, scene.run, y, times, (), 0.0, longest_steps(scene, 0.0, scene.run.duration))  # refuses a start as a run does
     if not fits(mechanism.model.nv):
