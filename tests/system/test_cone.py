@@ -56,6 +56,76 @@ def test_random_problems(count: int) -> None:
     assert compared >= 235 and others <= 3
 
 
+def planar(seed: int, count: int, mu: float, restitution: float) -> tuple[Array, Array, list[Contact]]:
+    """Feet of a rigid body in a plane, each with one tangent; three or more share their load, and two do along the ground."""
+    rng = np.random.default_rng(seed)
+    jacobian = np.vstack([[[1.0, 0.0, -z], [0.0, 1.0, x]] for x, z in rng.normal(size=(count, 2))])
+    g = jacobian @ np.diag([1.0, 1.0, 1.0 / rng.uniform(0.1, 1.0)]) @ jacobian.T
+    contacts = [Contact(2 * k + 1, (Grip((2 * k,), mu, mu),), restitution) for k in range(count)]
+    return g, jacobian @ rng.normal(size=3), contacts
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3, 0.8, ROUGH])
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_feet_of_a_body_in_a_plane(mu: float, restitution: float) -> None:
+    for seed in range(40):
+        g, v, contacts = planar(seed, 1 + seed % 4, mu, restitution)
+        found = answered(impact(g, v, contacts))
+        w = g @ found.p + v
+        np.testing.assert_allclose(w, found.v, atol=1e-12 * np.abs(v).max())
+        w[1::2] += restitution * v[1::2]
+        fast, large = np.abs(v).max(), max(np.abs(found.p).max(), 1e-300)
+        along, push = found.p[::2], found.p[1::2]
+        assert w[1::2].min() > -1e-12 * fast and push.min() >= 0.0 and np.abs(w[1::2] * push).max() < 1e-12 * fast * large
+        if mu < ROUGH:
+            assert (np.abs(along) - mu * push).max() < 1e-12 * large
+            assert np.abs(along * w[::2] + mu * push * np.abs(w[::2])).max() < 1e-12 * fast * large
+        else:
+            assert np.all((np.abs(w[::2]) < 1e-12 * fast) | (push < 1e-12 * large))  # what pushes sticks
+        if restitution == 0.0:
+            assert float(found.p @ (v + found.v)) <= 1e-13 * fast * large
+
+
+@pytest.mark.parametrize("count", [6, 8, 12])
+def test_many_feet(count: int) -> None:
+    """More modes than are looked through: the guess leads there, or the most sticking mode is it."""
+    for seed in range(8):
+        problem = random_problem(77 * count + seed, count)
+        found = answered(impact(problem.g, problem.v, problem.contacts))
+        assert worst(problem, found.p) < 1e-12
+
+
+def test_two_skis_of_a_rigid_body_share_their_edges() -> None:
+    """Edge and length of each are bounded by one normal force; SciPy's minimum over the same set is no smaller."""
+    from scipy.optimize import minimize
+
+    jacobian = np.vstack([np.hstack([np.eye(3), cross(np.array([0.2, side, -0.9]))]) for side in (0.2, -0.2)])
+    mass = np.diag([80.0, 80.0, 80.0, 12.0, 11.0, 2.0])
+    contacts = [Contact(3 * k + 2, (Grip((3 * k + 1,), 0.8, 0.6), Grip((3 * k,), 0.05, 0.05))) for k in range(2)]
+    g = jacobian @ np.linalg.solve(mass, jacobian.T)
+    target = np.array([12.0, 200.0, 350.0, 12.0, 60.0, 450.0])
+    wanted = g @ target
+    found = answered(modes(g, -wanted, contacts))
+    assert found.shared and found.slipping == ((False, False),) * 2 and np.all(found.v == 0.0)
+    bounds = [
+        {"type": "ineq", "fun": lambda p, k=k, row=row, mu=mu, sign=sign: mu * p[3 * k + 2] + sign * p[3 * k + row]}
+        for k in range(2)
+        for row, mu in ((0, 0.05), (1, 0.8))
+        for sign in (1.0, -1.0)
+    ]
+    assert all(bound["fun"](found.p) > -1e-9 for bound in bounds)  # type: ignore[operator]
+    null = np.linalg.svd(jacobian.T)[2][np.linalg.matrix_rank(jacobian) :]
+    least = minimize(
+        lambda z: 0.5 * float(np.sum((target + null.T @ z) ** 2)),
+        np.zeros(len(null)),
+        constraints=[{"type": "ineq", "fun": lambda z, f=bound["fun"]: f(target + null.T @ z)} for bound in bounds],
+        method="SLSQP",
+        options={"ftol": 1e-14, "maxiter": 300},
+    )
+    assert np.linalg.norm(found.p) <= np.linalg.norm(target + null.T @ least.x) * (1.0 + 1e-9)
+    np.testing.assert_allclose(g @ found.p, wanted, rtol=1e-10)
+
+
 def test_restitution_with_friction_may_raise_the_energy() -> None:
     """Kane's example: with e^2 > 1 - G_nt^2/(G_nn G_tt) a sticking impact gains. The answer says so by its impulses."""
     g = np.array([[1.0, 0.8], [0.8, 1.0]])
@@ -235,6 +305,33 @@ def test_a_load_on_a_corner_and_beyond() -> None:
     assert reactions(g, a, contacts, (True,) * 4, ((False,),) * 4) is None
     tipped = answered(modes(g, a, contacts))
     assert not all(tipped.closed) and tipped.v[11] > 0.0
+
+
+def test_a_table_that_slides_and_turns_lifts_no_foot() -> None:
+    """Each foot slides its own way; the foot across the load bears nothing, the others what the balance asks, and all stay."""
+    g, a, contacts = table(1000.0, 0.45, 0.45)
+    ways = [np.array([1.0 - 0.8 * y, 0.8 * x]) for x, y in CORNERS]
+    sliding = [
+        contact._replace(grips=(Grip(contact.grips[0].rows, 0.1, 0.1, tuple((way / np.linalg.norm(way)).tolist())),))
+        for contact, way in zip(contacts, ways, strict=True)
+    ]
+    found = answered(modes(g, a, sliding))
+    assert found.closed == (True,) * 4 and found.shared
+    push = found.p[2::3]
+    assert push.min() >= 0.0 and push.sum() == pytest.approx(1098.1, rel=1e-12) and push[3] < 1e-9 * push[0]
+    for k, way in enumerate(ways):
+        np.testing.assert_allclose(found.p[3 * k : 3 * k + 2], -0.1 * push[k] * way / np.linalg.norm(way), rtol=1e-12, atol=1e-12)
+    moments = np.array([[y for _, y in CORNERS], [-x for x, _ in CORNERS]]) @ push
+    friction = found.p.reshape(4, 3)[:, :2].sum(axis=0)  # at 0.5 m below the middle
+    load = np.array([-450.0, 450.0])
+    np.testing.assert_allclose(moments + load, [-0.5 * friction[1], 0.5 * friction[0]], rtol=1e-9)
+
+
+def test_a_rigid_body_on_many_sliding_feet() -> None:
+    """Impulses are not determined, nor the motion, which friction turns; one that keeps the law is found."""
+    problem = random_problem(77 * 6 + 6, 6)
+    found = answered(impact(problem.g, problem.v, problem.contacts))
+    assert worst(problem, found.p) < 1e-12 and all(slips for (slips,) in found.slipping)
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.3])

@@ -22,15 +22,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vlmb.system.cone_guess import likely
-from vlmb.system.cone_modes import (
+from vlmb.system.cone_modes import answers
+from vlmb.system.cone_problem import (
     Answer,
     Array,
     Contact,
+    Directions,
     Grip,
     Mode,
     Problem,
     Refusal,
-    answers,
     fixed,
     frame_of,
     inverse_of,
@@ -41,7 +42,7 @@ __all__ = ["Answer", "Contact", "Grip", "Refusal", "impact", "modes", "reactions
 
 GENTLE = 1e-6  # m/s: an approach that is slower has no restitution
 SAME = 1e-9  # two answers whose velocities differ by less are one
-SHORT, LONG = 1000, 20_000  # steps of a guess
+MANY = 300  # modes: beyond, only the most sticking and the guessed one are tried
 FEW = 2  # frictions whose directions are to be found: up to here every mode is looked at
 
 
@@ -96,13 +97,14 @@ def _solve(g: Array, b: Array, contacts: Sequence[Contact], *, rough_limit: bool
 
 
 def _found(problem: Problem, every: Sequence[Mode], free: int, thorough: bool) -> Iterator[Answer]:
-    """Yield admissible answers, of the most sticking mode first; of many contacts a guess comes next."""
+    """Yield admissible answers, of the most sticking mode first; of many contacts guesses come next."""
     yield from answers(problem, every[0], thorough=thorough)
-    guess = likely(problem, LONG if thorough else SHORT) if free > (1 if thorough else FEW) else None
-    if guess is not None:
-        yield from answers(problem, guess[0], start=guess[1])
+    start: Directions = {}
+    if free > (1 if thorough else FEW):
+        for mode, start in likely(problem):
+            yield from answers(problem, mode, start=start)
     for mode in every[1:]:
-        yield from answers(problem, mode, start=guess[1] if guess else {}, thorough=thorough)
+        yield from answers(problem, mode, start=start, thorough=thorough)
 
 
 def _equal(one: Answer, other: Answer, problem: Problem) -> bool:
@@ -112,7 +114,7 @@ def _equal(one: Answer, other: Answer, problem: Problem) -> bool:
 
 def _modes(contacts: Sequence[Contact], rough_limit: bool) -> list[Mode]:
     """All modes, from the most sticking one on; those with a rough contact that slips, the limit of much friction, come last."""
-    choices = []
+    choices: list[list[tuple[bool, ...] | None]] = []
     for contact in contacts:
         states: list[tuple[bool, ...]] = []
         for grip in contact.grips:
@@ -122,7 +124,7 @@ def _modes(contacts: Sequence[Contact], rough_limit: bool) -> list[Mode]:
                 states.append((False, True) if rough_limit and len(contact.grips) == 1 else (False,))
             else:
                 states.append((False, True))
-        choices.append([None, *itertools.product(*states)])
+        choices.append([None, *itertools.product(*states)])  # the second sticks most
 
     def key(mode: Mode) -> tuple[bool, int, int]:
         pairs = list(zip(contacts, mode, strict=True))
@@ -133,6 +135,8 @@ def _modes(contacts: Sequence[Contact], rough_limit: bool) -> list[Mode]:
         )
         return limits, -sum(state.count(False) for state in mode if state), sum(state is None for state in mode)
 
+    if math.prod(len(states) for states in choices) > MANY:
+        return [tuple(states[1] for states in choices)]  # the most sticking one; the rest is left to the guess
     return sorted(itertools.product(*choices), key=key)
 
 

@@ -3,47 +3,55 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
-from vlmb.system.cone_modes import Array, Directions, Mode, Problem
+from vlmb.system.cone_problem import Array, Directions, Mode, Problem
 
+SHORT, LONG = 1000, 20_000  # steps
 CLOSE = 1e-9
 ZERO = 1e-6  # parts of the largest below this are zero
 
 
-def likely(problem: Problem, steps: int) -> tuple[Mode, Directions] | None:
-    """Return modes and directions of slipping that may be the answer; None for other contacts than of one grip in a plane.
+def likely(problem: Problem) -> Iterator[tuple[Mode, Directions]]:
+    """Yield modes and directions of slipping that may be the answer, again after more steps; of one grip each, at rest.
 
     Split p = z with z in the cones, scaled multiplier u; -rho u is the velocity with de Saxce's term slip |v_t| on the normal,
-    by which Coulomb's law is a complementarity of cones: (Acary and Cadoux).
+    by which Coulomb's law is a complementarity of cones (Acary and Cadoux).
     """
-    if any(len(contact.grips) != 1 or len(contact.grips[0].rows) != 2 for contact in problem.contacts):
-        return None
-    rows = np.array([[contact.normal, *contact.grips[0].rows] for contact in problem.contacts])
-    slopes = np.array([contact.grips[0].slip for contact in problem.contacts])
-    diagonal = np.diag(problem.g).copy()
-    diagonal[rows] = np.mean(diagonal[rows], axis=1)[:, None]
+    grips = [contact.grips[0] for contact in problem.contacts if len(contact.grips) == 1]
+    if len(grips) < len(problem.contacts) or any(grip.sliding is not None for grip in grips):
+        return
+    size = problem.b.size  # one more place, always zero, is the second tangent of contacts in a plane
+    rows = np.array([(k.normal, *grip.rows, size)[:3] for k, grip in zip(problem.contacts, grips, strict=True)])
+    slopes = np.array([grip.slip for grip in grips])
+    diagonal = np.append(np.diag(problem.g), 0.0)
+    diagonal[rows] = (np.sum(diagonal[rows], axis=1) / np.sum(rows < size, axis=1))[:, None]
+    diagonal = diagonal[:size]
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     b = scale * problem.b
     values, vectors = np.linalg.eigh(scale[:, None] * problem.g * scale)
-    rho = math.sqrt(max(values[-1], 1e-300) * max(values[values > 1e-9 * values[-1]][0], 1e-300))
-    z, u = np.zeros(b.size), np.zeros(b.size)
-    for step in range(steps):
-        pull = rho * (z - u) - b
+    if not values[-1] > 0.0:
+        return
+    rho = math.sqrt(values[-1] * values[values > 1e-9 * values[-1]][0])
+    z, u = np.zeros(size + 1), np.zeros(size + 1)
+    for step in range(LONG):
+        pull = rho * (z - u)[:size] - b
         pull[rows[:, 0]] -= np.where(np.isinf(slopes), 0.0, slopes) * rho * np.hypot(u[rows[:, 1]], u[rows[:, 2]])
-        p = vectors @ ((vectors.T @ pull) / (values + rho))
+        p = np.append(vectors @ ((vectors.T @ pull) / (values + rho)), 0.0)
         last, z = z, _project(p + u, rows, slopes)
         u += p - z
         primal, dual = float(np.linalg.norm(p - z)), float(np.linalg.norm(z - last))
-        size = max(float(np.linalg.norm(z)), 1e-300)
-        if primal < CLOSE * size and dual < CLOSE * size:
+        if max(primal, dual) < CLOSE * max(float(np.linalg.norm(z)), 1e-300):
             break
+        if step == SHORT:
+            yield _read(problem, z, -rho * u, rows)
         if step % 20 == 19 and not 0.1 < primal / max(dual, 1e-300) < 10.0:
             factor = 3.0 if primal > dual else 1.0 / 3.0
             rho *= factor
             u /= factor
-    return _read(problem, z, -rho * u, rows)
+    yield _read(problem, z, -rho * u, rows)
 
 
 def _project(q: Array, rows: Array, slopes: Array) -> Array:
@@ -56,7 +64,7 @@ def _project(q: Array, rows: Array, slopes: Array) -> Array:
         elif across > slope * first:
             along = max(first + slope * across, 0.0) / (1.0 + slope * slope)
             found[n] = along
-            factor = slope * along / across
+            factor = slope * along / across if across > 0.0 else 0.0
             found[one], found[two] = factor * q[one], factor * q[two]
     return found
 
@@ -67,7 +75,7 @@ def _read(problem: Problem, z: Array, v: Array, rows: Array) -> tuple[Mode, Dire
     mode: list[tuple[bool, ...] | None] = []
     directions: Directions = {}
     for k, contact in enumerate(problem.contacts):
-        n, tangents = rows[k, 0], rows[k, 1:]
+        n, tangents = contact.normal, list(contact.grips[0].rows)
         speed = float(np.linalg.norm(v[tangents]))
         if speed > 0.0:
             directions[k, 0] = v[tangents] / speed

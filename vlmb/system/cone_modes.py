@@ -5,129 +5,29 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vlmb.system.least_reactions import RANK, Part, least
-
-Array = NDArray[np.float64]
+from vlmb.system.cone_problem import (
+    Answer,
+    Array,
+    Directions,
+    Frame,
+    Mode,
+    Problem,
+    fixed,
+    frame_of,
+    inverse_of,
+    least_of,
+    rank_lacks,
+)
+from vlmb.system.least_reactions import RANK
 
 TOLERANCE = 1e-12  # of inequalities, against the size of the terms they compare
-TURNS = 40  # steps of Newton's method on directions
+TURNS = 60  # steps on directions
+NEAR = 0.02  # rad, where Newton's method on directions begins if reactions are shared
 SETTLED = 1e-9  # rad, where they end at rounding
 FAN = 24  # sets of directions to begin with where nothing else led to an answer
-
-
-class Grip(NamedTuple):
-    """Friction of a contact along one or two rows: a tangent plane, or the edge or the length of a ski.
-
-    `hold` bounds |p| / p_n where nothing slides (inf: rough, it never slides while it pushes), `slip` is the ratio while it does.
-    `sliding` is the unit direction of a sliding that goes on, with accelerations; None where the speed is zero or, at an impact,
-    where the direction afterwards is to be found.
-    """
-
-    rows: tuple[int, ...]
-    hold: float
-    slip: float
-    sliding: tuple[float, ...] | None = None
-
-
-class Contact(NamedTuple):
-    """A point that may touch: the row of its normal, its friction, and the restitution of an impact."""
-
-    normal: int
-    grips: tuple[Grip, ...] = ()
-    restitution: float = 0.0
-
-
-class Answer(NamedTuple):
-    """What happens: reactions and velocities (accelerations) of all rows, and the modes.
-
-    `closed` has a truth for each contact, `slipping` one for each grip of each contact (False while open). `several` is true
-    where other modes are admissible too and move otherwise; this is the most sticking one. `shared` is true where the reactions
-    are not determined: then p is the least admissible.
-    """
-
-    p: Array
-    v: Array
-    closed: tuple[bool, ...]
-    slipping: tuple[tuple[bool, ...], ...]
-    several: bool = False
-    shared: bool = False
-
-
-class Refusal(NamedTuple):
-    """No mode is admissible. `contact` is the one that asks for too much, or None.
-
-    why: "rows": ideal rows contradict each other; "prescribed": nothing can change the normal velocity of a contact that
-    approaches; "friction": friction presses a sliding contact down more than it resists (Painleve), `number` is the
-    acceleration of its normal for a unit of normal force, which is not positive; "none": no mode found.
-    """
-
-    why: str
-    contact: int | None = None
-    number: float = math.nan
-
-
-Mode = tuple[tuple[bool, ...] | None, ...]  # of each contact: None where it is open, else whether each of its grips slips
-Directions = dict[tuple[int, int], Array]  # of slipping, by contact and grip
-
-
-class Problem(NamedTuple):
-    """v = g p + b, and the contacts among its rows."""
-
-    g: Array
-    b: Array
-    contacts: tuple[Contact, ...]
-
-
-class Frame(NamedTuple):
-    """Unknowns of a mode: p = columns y, where G p + b vanishes in `rows`; which of them push, and which of them stick."""
-
-    columns: Array  # (m, k)
-    rows: Array  # (k,), the row that each unknown is there for
-    normals: dict[int, int]  # contact -> unknown
-    sticks: list[tuple[int, int, tuple[int, ...]]]  # contact, grip, unknowns
-
-
-def frame_of(problem: Problem, mode: Mode, directions: Directions) -> Frame:
-    """Return the unknowns of a mode, and the rows in which nothing may move."""
-    unit = np.eye(problem.b.size)
-    of_contacts = {contact.normal for contact in problem.contacts}
-    of_contacts.update(row for contact in problem.contacts for grip in contact.grips for row in grip.rows)
-    rows = [row for row in range(problem.b.size) if row not in of_contacts]
-    columns = [unit[row] for row in rows]
-    normals, sticks = {}, []
-    for k, (contact, state) in enumerate(zip(problem.contacts, mode, strict=True)):
-        if state is None:
-            continue
-        normals[k] = len(rows)
-        rows.append(contact.normal)
-        columns.append(unit[contact.normal].copy())
-        push = columns[-1]
-        for j, (grip, slips) in enumerate(zip(contact.grips, state, strict=True)):
-            if not slips:
-                sticks.append((k, j, tuple(range(len(rows), len(rows) + len(grip.rows)))))
-                rows.extend(grip.rows)
-                columns.extend(unit[row] for row in grip.rows)
-            elif math.isinf(grip.slip):  # the limit of much friction: a force along the ground without one that presses
-                push[contact.normal] = 0.0
-                push[list(grip.rows)] = -directions[k, j]
-            elif grip.slip > 0.0:
-                push[list(grip.rows)] = -grip.slip * directions[k, j]
-    return Frame(np.array(columns).reshape(len(rows), problem.b.size).T, np.array(rows, int), normals, sticks)
-
-
-def inverse_of(problem: Problem, frame: Frame) -> Array:
-    """Return the pseudo-inverse of the mode's matrix, of rows and unknowns made comparable by the diagonal of G."""
-    if not frame.rows.size:
-        return np.zeros((0, 0))
-    diagonal = np.diag(problem.g)[frame.rows]
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    matrix = scale[:, None] * (problem.g[frame.rows] @ frame.columns) * scale
-    return scale[:, None] * np.linalg.pinv(matrix, rcond=RANK) * scale
 
 
 def answers(problem: Problem, mode: Mode, *, start: Directions | None = None, thorough: bool = False) -> Iterator[Answer]:
@@ -142,12 +42,18 @@ def answers(problem: Problem, mode: Mode, *, start: Directions | None = None, th
                     known[k, j] = np.array(grip.sliding, dtype=np.float64)
                 else:
                     (lines if len(grip.rows) == 1 else planes).append((k, j))
-    for signs in itertools.product((1.0, -1.0), repeat=len(lines)):
+    for signs in _signs(lines, start or {}):
         fixed_ones = known | {key: np.array([sign]) for key, sign in zip(lines, signs, strict=True)}
         for turning in _starts(problem, mode, fixed_ones, planes, start or {}, thorough):
             found = _settled(problem, mode, fixed_ones | turning, lines, planes)
             if found is not None:
                 yield found
+
+
+def _signs(lines: Sequence[tuple[int, int]], start: Directions) -> list[tuple[float, ...]]:
+    """Return all ways to slip along single rows, that of the start first."""
+    first = tuple(float(start[key][0]) if key in start else 1.0 for key in lines)
+    return list(itertools.product(*[(sign, -sign) for sign in first]))
 
 
 def _starts(
@@ -211,28 +117,72 @@ def _settled(
 ) -> Answer | None:
     """Return the answer of a mode once directions of slipping in planes are those of the velocities; None if not admissible."""
     last = math.inf
+    shared = rank_lacks(problem, frame_of(problem, mode, directions))
     for _ in range(TURNS):
         frame = frame_of(problem, mode, directions)
         inverse = inverse_of(problem, frame)
-        y = -inverse @ problem.b[frame.rows]
-        y -= inverse @ (problem.g[frame.rows] @ (frame.columns @ y) + problem.b[frame.rows])  # to rounding
-        p = frame.columns @ y
+        if shared:
+            least = least_of(problem, frame)
+            if least is None:
+                return None
+            p = least
+        else:
+            y = -inverse @ problem.b[frame.rows]
+            y -= inverse @ (problem.g[frame.rows] @ (frame.columns @ y) + problem.b[frame.rows])  # to rounding
+            p = frame.columns @ y
         v = problem.g @ p + problem.b
         if not planes:
             break
-        turn = _turn(problem, directions, planes, frame, inverse, y, v)
+        if shared:
+            turn = _turn_shared(problem, mode, directions, planes, v)
+        else:
+            turn = _turn(problem, directions, planes, frame, inverse, y, v)
         if turn is None:
             return None
-        for key, angle in zip(planes, turn, strict=True):
-            c, s = directions[key]
-            cosine, sine = math.cos(angle), math.sin(angle)
-            directions[key] = np.array([c * cosine - s * sine, s * cosine + c * sine])
+        directions = _turned(directions, planes, turn)
         before, last = last, float(np.max(np.abs(turn)))
         if last < SETTLED and (last < 1e-15 or last > 0.5 * before):  # to rounding
             break
     if planes and last > SETTLED:
         return None
-    return _admitted(problem, mode, directions, [*lines, *planes], frame, p, v)
+    return _admitted(problem, mode, directions, [*lines, *planes], frame, p, v, shared)
+
+
+def _turned(directions: Directions, planes: Sequence[tuple[int, int]], turn: Array) -> Directions:
+    found = dict(directions)
+    for key, angle in zip(planes, turn, strict=True):
+        c, s = directions[key]
+        cosine, sine = math.cos(angle), math.sin(angle)
+        found[key] = np.array([c * cosine - s * sine, s * cosine + c * sine])
+    return found
+
+
+def _turn_shared(
+    problem: Problem, mode: Mode, directions: Directions, planes: Sequence[tuple[int, int]], v: Array
+) -> Array | None:
+    """Return a step of directions where reactions are the least: a careful one, nearer one of Newton's method by differences."""
+    angles = _off(directions, planes, problem, v)
+    if np.max(np.abs(angles)) > NEAR:
+        return 0.3 * angles
+    slopes = np.empty((len(planes), len(planes)))
+    for n in range(len(planes)):
+        turn = np.zeros(len(planes))
+        turn[n] = 1e-6
+        other = _turned(directions, planes, turn)
+        p = least_of(problem, frame_of(problem, mode, other))
+        if p is None:
+            return None
+        slopes[:, n] = (_off(other, planes, problem, problem.g @ p + problem.b) - angles) / 1e-6
+    return np.asarray(-np.linalg.lstsq(slopes, angles, rcond=RANK)[0], dtype=np.float64)
+
+
+def _off(directions: Directions, planes: Sequence[tuple[int, int]], problem: Problem, v: Array) -> Array:
+    """Return the angles from directions of slipping to those of the velocities [rad]."""
+    found = []
+    for k, j in planes:
+        (c, s), (x, z) = directions[k, j], v[list(problem.contacts[k].grips[j].rows)]
+        found.append(math.atan2(c * z - s * x, c * x + s * z))
+    return np.array(found)
 
 
 def _turn(
@@ -279,18 +229,9 @@ def _admitted(
     frame: Frame,
     p: Array,
     v: Array,
+    shared: bool,
 ) -> Answer | None:
-    """Return the answer if every row and inequality holds; with reactions that are not determined, their least."""
-    weights = 1.0 / np.sqrt(np.where((diagonal := np.diag(problem.g)) > 0.0, diagonal, 1.0))
-    moved = weights[:, None] * (problem.g @ frame.columns)
-    values = np.linalg.svd(moved / np.maximum(np.linalg.norm(moved, axis=0), 1e-300), compute_uv=False)
-    shared = bool(values.size) and bool(values[-1] <= RANK * values[0])
-    if shared:
-        found = _least(problem, frame, moved, weights * (v - problem.b))
-        if found is None:
-            return None
-        p = found
-        v = problem.g @ p + problem.b
+    """Return the answer if every row and inequality holds, to rounding."""
     sizes = np.abs(problem.b) + np.abs(problem.g) @ np.abs(p)
     if np.any(np.abs(v[frame.rows]) > TOLERANCE * sizes[frame.rows]):
         return None
@@ -333,44 +274,3 @@ def _admitted(
 
 def _tangents(problem: Problem) -> list[int]:
     return [row for contact in problem.contacts for grip in contact.grips for row in grip.rows]
-
-
-def _least(problem: Problem, frame: Frame, moved: Array, change: Array) -> Array | None:
-    """Return the least p in a mode's cones that gives the same velocities; None if the cones hold none.
-
-    Unknowns are scaled so that their squares add up to those of p. A normal force that bounds more than one grip stands once for
-    each, and equations make these equal.
-    """
-    count = frame.rows.size
-    bounded: dict[int, list[tuple[float, tuple[int, ...]]]] = {k: [] for k in frame.normals}
-    for k, j, unknowns in frame.sticks:
-        hold = problem.contacts[k].grips[j].hold
-        if not math.isinf(hold):
-            bounded[k].append((hold, unknowns))
-    columns, parts, equal = [moved[:, n] for n in range(count)], [], []
-    shapes = [frame.columns[:, n] for n in range(count)]
-    for k, first in frame.normals.items():
-        copies = max(1, len(bounded[k]))
-        weight = float(np.linalg.norm(shapes[first])) * math.sqrt(copies)
-        columns[first], shapes[first] = columns[first] / weight, shapes[first] / weight
-        firsts = [first]
-        for _ in range(copies - 1):
-            firsts.append(len(columns))
-            equal.append((first, len(columns)))
-            columns.append(columns[first])
-            shapes.append(shapes[first])
-        if not bounded[k]:
-            parts.append(Part((first,), 0.0))
-        for one, (hold, unknowns) in zip(firsts, bounded[k], strict=False):
-            parts.append(Part((one, *unknowns), hold * copies / weight))
-    matrix = np.vstack([np.column_stack(columns), np.zeros((len(equal), len(columns)))])
-    for n, (one, other) in enumerate(equal):
-        matrix[change.size + n, [one, other]] = 1.0, -1.0
-    y = least(matrix, np.concatenate([change, np.zeros(len(equal))]), parts)
-    return None if y is None else np.column_stack(shapes) @ y
-
-
-def fixed(values: Array) -> Array:
-    """Return the array made read-only."""
-    values.setflags(write=False)
-    return values
