@@ -47,13 +47,16 @@ __all__ = [
     "check",
     "closed_form",
     "equations_of_motion",
+    "fit",
     "hinge_moments",
     "inverse",
     "linearize",
     "load_scene",
     "load_trajectory",
+    "periodic",
     "plots",
     "sample",
+    "sensitivities",
     "simulate",
     "steady",
     "sweep",
@@ -72,8 +75,11 @@ Displayed.card = staticmethod(_card)
 
 if TYPE_CHECKING:
     from vlmb.equations import closed_form, hinge_moments
+    from vlmb.studies.fit import fit
     from vlmb.studies.linearize import linearize
+    from vlmb.studies.periodic import periodic
     from vlmb.studies.sampling import sample
+    from vlmb.studies.sensitivities import sensitivities
     from vlmb.studies.steady import steady
     from vlmb.studies.sweep import sweep
     from vlmb.views import plots, view
@@ -84,7 +90,10 @@ else:
         "plots": "vlmb.views.plots",
         "view": "vlmb.views.view",
     }
-    STUDIES = {"linearize": "linearize", "sample": "sampling", "steady": "steady", "sweep": "sweep"}  # functions and modules
+    STUDIES = {
+        name: "sampling" if name == "sample" else name
+        for name in ("fit", "linearize", "periodic", "sample", "sensitivities", "steady", "sweep")
+    }  # functions and the modules of studies that they stand in
 
     def __getattr__(name: str) -> Any:
         """Import a module that few need when it is first asked for."""

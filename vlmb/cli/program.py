@@ -7,14 +7,14 @@ import sys
 from collections.abc import Sequence
 
 from vlmb._version import __version__
-from vlmb.cli import bench, check, info, matrices, models, plot, run, schema, steady, sweep, view
+from vlmb.cli import bench, check, convert, info, matrices, models, plot, run, schema, steady, sweep, view
 from vlmb.cli.terminal import parsed, printable
 from vlmb.errors import VlmbError
 from vlmb.simulation.keeping import ended_by_signals
 
 # A module a command, named as it is: WHAT it is for, `arguments` describes what it takes, `execute` runs it and returns the
 # exit code; `settle`, where there is one, sorts out what was read before that.
-COMMANDS = (run, models, info, check, matrices, view, bench, plot, sweep, steady, schema)
+COMMANDS = (run, models, info, check, matrices, view, bench, plot, sweep, steady, convert, schema)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

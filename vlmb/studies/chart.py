@@ -56,7 +56,6 @@ class Chart:
         self.kind = int(self.arrays.tree.shape[columns.BASE_KIND])
         self.first = self.arrays.positions
         self.origin = engine.pack(start.state)
-        self.works = len(self.origin) - self.first - self.arrays.velocities
         self.values = np.array(start.branch)
         engine.settle(t, self.origin)
         if like is None:
@@ -349,7 +348,9 @@ class Chart:
             values[at] += turn * (c.kind in ("phi0", "phi"))
         self.engine.memory.reference[:] = self.system.core_plan.table.reference(values)
         try:
-            return self.engine.evaluate(self.t, y)
+            dy = self.engine.evaluate(self.t, y)
+            dy[self.first + self.arrays.velocities :] = 0.0  # work along x is none along y
+            return dy
         finally:
             self.engine.memory.reference[:] = self.system.core_plan.table.reference(self.values)
 

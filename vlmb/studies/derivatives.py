@@ -16,8 +16,12 @@ QUICK = 1e-5  # in units of a coordinate
 LOOSE = 1e-5  # relative error at which a derivative is refused
 
 
-def jacobian(function: Callable[[Array], Array], x: Array, steps: Array, quick: bool = False) -> tuple[Array, float]:
+def jacobian(
+    function: Callable[[Array], Array], x: Array, steps: Array, quick: bool = False, floor: float = 1.0
+) -> tuple[Array, float]:
     """Return the derivatives (m, n) of a function of x (n,), and the largest error relative to the largest entry of a column.
+
+    One below `floor` counts as that.
 
     steps (n,) are the sizes of what may be taken for a small change. By Ridders: differences with shrinking steps, extrapolated
     in h^2; the best of the table is taken. `quick` takes one small step, for a search that goes on. Raises StudyError where the
@@ -31,7 +35,7 @@ def jacobian(function: Callable[[Array], Array], x: Array, steps: Array, quick: 
     for k in range(len(x)):
         column, error = _column(function, x, k, float(steps[k]))
         columns.append(column)
-        worst = max(worst, error / max(float(np.abs(column).max(initial=0.0)), 1.0))
+        worst = max(worst, error / max(float(np.abs(column).max(initial=0.0)), floor))
     if worst > LOOSE:
         raise StudyError(f"the accelerations are not smooth here: derivatives are known to {worst:.1g} of their largest only")
     size = len(function(x)) if not columns else len(columns[0])

@@ -53,12 +53,14 @@ class Shard(NamedTuple):
 class Ensemble:
     """Runs of one task. They share a system as long as they differ in nothing that it was compiled of. Threads may share it."""
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
+    def __init__(self, task: Task, times: Array | None = None) -> None:
+        self.task, self.given = task, times
 
     @cached_property
     def times(self) -> Array:
         """Times (N,) of the samples of a run; empty where its length is varied."""
+        if self.given is not None:
+            return self.given
         varied = any(key in ("run", "run.duration", "run.samples") for key in self.task.keys)
         return np.zeros(0) if varied else sample_times(self.task.scene.run)
 
@@ -79,7 +81,7 @@ class Ensemble:
         """Simulate the scene with changes: the same as `simulate(scene.changed_at(changes))`, bit for bit."""
         scene = renumbered(self.task.scene, changes) if self.system is not None else None
         if scene is None or self.system is None:
-            return simulate(self.task.scene.changed_at(changes))
+            return simulate(self.task.scene.changed_at(changes), t_eval=self.given)
         return run_system(self.system.with_numbers(scene), self.times)
 
     def shard(self, rows: Sequence[Sequence[Any]]) -> Shard:

@@ -100,7 +100,7 @@ def linearize(
     chart = chart_at(system, start)
     x = chart.numbers(chart.origin)
     full, error = jacobian(chart.rates, x, chart.scales)
-    basis, names = _free(chart, x)
+    basis, names = independent(chart, x)
     picks = [chart.names.index(name) for name in names]
     reduced = full[picks] @ basis
     used = tuple(controls if controls is not None else system.programme.names if system.programme else ())
@@ -126,7 +126,7 @@ def _start(system: System, given: Mapping[str, float]) -> Start:
     return start._replace(state=system.mechanism.state(coordinates, rates), coordinates=coordinates, rates=rates)
 
 
-def _free(chart: Chart, x: Array) -> tuple[Array, tuple[str, ...]]:
+def independent(chart: Chart, x: Array) -> tuple[Array, tuple[str, ...]]:
     """Return how all numbers of a chart follow (n, m) from those that rows leave independent, and the names of these."""
     count = len(chart.residuals(x))
     if not count:
@@ -137,12 +137,12 @@ def _free(chart: Chart, x: Array) -> tuple[Array, tuple[str, ...]]:
     null = chart.scales[:, None] * right[rank:].T
     picks, left_over = list[int](), null / chart.scales[:, None]
     for rows in (range(len(chart.positions)), range(len(chart.positions), len(x))):  # positions first, then what velocities add
-        own, left_over = _independent(left_over, list(rows))
+        own, left_over = _picked(left_over, list(rows))
         picks += own
     return null @ np.linalg.inv(null[picks]), tuple(chart.names[k] for k in picks)
 
 
-def _independent(matrix: Array, rows: Sequence[int]) -> tuple[list[int], Array]:
+def _picked(matrix: Array, rows: Sequence[int]) -> tuple[list[int], Array]:
     """Return independent ones among some rows, in order, and the matrix (n, k) on the directions in which those are 0."""
     from scipy.linalg import qr
 

@@ -104,7 +104,7 @@ def steady(
             "quantities, or there is none"
         )
     matrix = jacobian(lambda at: _lacking(chart, at, {}), x, chart.scales)[0]
-    coordinates, rates = _named(chart, x)
+    coordinates, rates = named_at(chart, x)
     return Steady(scene, coordinates, rates, residual, _rank(matrix), len(x), dict(hold))
 
 
@@ -158,14 +158,14 @@ def _refuse_unknown(chart: Chart, hold: Mapping[str, float]) -> None:
 
 
 def _chart_around(chart: Chart, x: Array) -> Chart:
-    coordinates, rates = _named(chart, x)
+    coordinates, rates = named_at(chart, x)
     start = chart.start._replace(
         state=chart.system.mechanism.state(coordinates, rates), coordinates=coordinates, rates=rates
     )
     return Chart(chart.system, start)
 
 
-def _named(chart: Chart, x: Array) -> tuple[dict[str, float], dict[str, float]]:
+def named_at(chart: Chart, x: Array) -> tuple[dict[str, float], dict[str, float]]:
     """Return coordinates and rates by name, with the place and the heading of the start."""
     y = chart.placed(x)
     seen = chart.system.core_plan.postures(np.array([chart.t]), y[None])
