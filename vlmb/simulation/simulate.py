@@ -162,7 +162,7 @@ def _logged(trajectory: Trajectory) -> Trajectory:
     """Tell the log how a run ended, and what is doubtful of it."""
     name, steps = trajectory.scene.name, trajectory.stats["steps"]
     level = logging.WARNING if trajectory.status == "failed" else logging.INFO
-    LOG.log(level, "%s: %s %d steps", name, trajectory.message, steps)
+    LOG.log(level, "%s: %s (%d steps)", name, trajectory.message, steps)
     for doubt in trajectory.doubts:
         LOG.warning("%s: doubtful: %s", name, doubt)
     return trajectory
@@ -233,7 +233,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     start = consistent_start(system)
     _breaks(system, 0.0, scene.run.duration)
     engine = make_engine(system, start.branch)
-    y, times = engine.pack(start.state), _sample_times(scene.run, None, 0.0)
+    y, times = engine.pack(start.state), np.array([0.0, scene.run.duration])
     engine.evaluate(0.0, y)
     Loop(engine, scene.run, y, times, (), 0.0, longest_steps(scene, 0.0, scene.run.duration))  # refuses a start as a run does
     if not fits(mechanism.model.nv):
