@@ -1,6 +1,6 @@
-"""A slalom whose rider bends the legs as a recording says, not as a formula does: what must knees and hips hold?
+"""A slalom whose rider bends the legs as a recording says, and what knees and hips must hold then.
 
-    python examples/measured_slalom.py
+Run it by `python examples/measured_slalom.py`.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """How fast must a walker lean on at the start of a step to get over the standing leg? Found by halving an interval.
 
-    python examples/walker.py
+Run it by `python examples/walker.py`.
 """
 
 import numpy as np

@@ -323,7 +323,8 @@ def test_figures_on_a_dark_ground_keep_their_curves_apart(runs: dict[str, vlmb.T
     light, dark = (coordinates(runs["skier"]) for _ in range(2))
     darkened(dark)
     colours = dict(zip((to_rgb(c) for c in PALETTE), (to_rgb(c) for c in BRIGHT), strict=True))
-    pairs = [(a, b) for one, other in zip(light.axes, dark.axes, strict=True) for a, b in zip(one.lines, other.lines, strict=True)]
+    panels = zip(light.axes, dark.axes, strict=True)
+    pairs = [both for one, other in panels for both in zip(one.lines, other.lines, strict=True)]
     assert len(pairs) > 8
     for before, after in pairs:
         assert to_rgb(after.get_color()) == pytest.approx(colours.get(to_rgb(before.get_color()), to_rgb("#e6e8ea")), abs=1e-6)
