@@ -64,14 +64,15 @@ def execute(args: argparse.Namespace) -> int:
     if args.view:
         view.need_display()
     folder = args.output or _folder_of(path)
-    watched = Live(scene, changes, t0, browser=True) if args.view else None
+    watched = Live(scene, changes, browser=True) if args.view else None
+    watch = watched.take if watched else None
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:
         with _log_shown(args.verbose):
             kept = keep(
                 lambda: _with_progress(
-                    lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0)),
+                    lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0), watch=watch),
                     run.duration,
                     args.quiet,
                 ),
