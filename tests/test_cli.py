@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -16,7 +17,7 @@ import vlmb
 from tests.small_scenes import FIXED, PIVOT, SKI, Table, link, write_toml
 from vlmb.cli import main, run
 
-COMMANDS = ("run", "info", "check", "matrices", "plot", "view")
+COMMANDS = ("run", "models", "info", "check", "matrices", "plot", "view", "bench", "schema")
 ONE: Table = {
     "name": "one leg", "base": PIVOT, "links": [link("leg")], "start": {"psi1": 0.4, "phi1": 0.2},
     "run": {"duration": 0.2, "rtol": 1e-8},
@@ -117,10 +118,52 @@ def test_run_writes_results_and_prints_the_summary(here: Path, capsys: pytest.Ca
     assert printed.err == ""
     trajectory = vlmb.load_trajectory(here / "results" / "one" / "run.npz")
     assert printed.out.startswith(trajectory.summary())
+    rows = [line.split() for line in printed.out.partition("\n\n")[2].splitlines()[:-1]]
+    assert [row[:2] for row in rows] == [["coordinate", "unit"], ["phi1", "rad"], ["psi1", "rad"], ["xi1_1", "m"], ["xi1_2", "m"]]
+    assert [float(number) for number in rows[2][2:4]] == pytest.approx([0.4, trajectory["psi1"][-1]], rel=1e-3)
     assert printed.out.splitlines()[-1] == f"wrote {Path('results/one/run.npz')}, {Path('results/one/run.csv')}"
     assert sorted(path.name for path in (here / "results" / "one").iterdir()) == ["run.csv", "run.npz"]
     direct = vlmb.simulate("one.toml")
     assert np.array_equal(trajectory.q, direct.q)
+
+
+def test_run_prints_json(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "skier.toml", "--no-plots", "--quiet", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    run = vlmb.load_trajectory(here / "results" / "skier" / "run.npz")
+    assert found["status"] == "finished" and found["time"] == {"start": 0.0, "end": 0.2, "samples": len(run), "unit": "s"}
+    assert found["columns"]["psi1"]["unit"] == "rad" and found["columns"]["psi1"]["end"] == run["psi1"][-1]
+    assert found["columns"]["knife_edge"]["largest"] == run.reactions["knife_edge"].max()
+    assert found["energy_balance"] == {"largest": abs(run["balance"]).max(), "unit": "J"}
+    assert [Path(file).name for file in found["files"]] == ["run.npz", "run.csv"]
+
+
+def test_the_log(here: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", logger="vlmb"):
+        vlmb.simulate({**ONE, "forces": [{"on": "M_psi1", "law": "log(0.1 - t)"}]})
+    said = [(record.name, record.levelname, record.getMessage()) for record in caplog.records]
+    assert said[0] == ("vlmb", "INFO", "one leg: begins: dop853, engine core, 0.2 s from t = 0 s")
+    assert said[-1][:2] == ("vlmb", "WARNING") and "failed at t = 0." in said[-1][2]
+    assert main(["run", "one.toml", "--no-plots", "--quiet", "--verbose"]) == 0
+    assert capsys.readouterr().err.splitlines()[0] == "vlmb: one leg: begins: dop853, engine core, 0.2 s from t = 0 s"
+
+
+def test_models_are_run_by_their_names(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["models"]) == 0
+    assert re.search(r"^skier_slalom +\w", capsys.readouterr().out, re.M)
+    assert main(["models", "slalom"]) == 0
+    assert capsys.readouterr().out.startswith("# A skier in a slalom")
+    assert main(["run", "one_link", "--no-plots", "--quiet", "--duration", "0.1"]) == 0
+    assert vlmb.load_trajectory(here / "results" / "one_link" / "run.npz").scene.name == "one pivoted link"
+
+
+def test_a_replay_is_written_beside_its_source(here: Path) -> None:
+    assert main(["run", "one.toml", "--no-plots", "--quiet", "-o", "deep/first"]) == 0
+    (here / "deep" / "mine.npz").write_bytes((here / "deep" / "first" / "run.npz").read_bytes())
+    for source, target in (("deep/first/run.npz", "deep/first_replay"), ("deep/mine.npz", "deep/mine_replay")):
+        assert main(["run", source, "--no-plots", "--quiet"]) == 0
+        assert (here / target / "run.npz").exists()
+    assert not (here / "results").exists()
 
 
 def test_run_with_options(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

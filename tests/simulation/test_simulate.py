@@ -353,6 +353,22 @@ def test_an_interrupt_from_the_progress_bar() -> None:
 
 
 @pytest.mark.parametrize("engine", ["core", "pinocchio"])
+@pytest.mark.parametrize("base", [PIVOT, SKI])
+def test_samples_are_handed_out_as_the_run_goes_on(base: Any, engine: str) -> None:
+    parts: list[Any] = []
+
+    def watch(*samples: Any) -> None:
+        parts.append([np.array(entry) for entry in samples])
+
+    run = vlmb.simulate(bent(base, 2), duration=2.0, engine=engine, max_step=1e-3, watch=watch)
+    plain = vlmb.simulate(bent(base, 2), duration=2.0, engine=engine, max_step=1e-3)
+    assert len(parts) > (engine == "pinocchio") and np.array_equal(run.states, plain.states)  # nothing else is changed by it
+    for handed, kept in zip((np.concatenate(part) for part in zip(*parts, strict=True)), (run.t, run.q, run.v), strict=True):
+        count = len(handed)
+        assert count >= len(kept) - 1 and np.array_equal(handed, kept[:count])
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
 def test_progress_is_told_the_time(engine: str) -> None:
     told: list[float] = []
     trajectory = vlmb.simulate(bent(PIVOT, 1), duration=0.3, progress=told.append, engine=engine)
@@ -879,7 +895,7 @@ def test_what_is_no_scene_is_refused(wrong: object) -> None:
         with pytest.raises(vlmb.SceneError, match="must be a Scene, the path of a scene file, or a dict") as caught:
             call(wrong)
         assert ("Pinocchio" in str(caught.value)) == isinstance(wrong, pin.Model)
-    for key in ("control", "progress"):
+    for key in ("control", "progress", "watch"):
         with pytest.raises(vlmb.SceneError, match=f"{key} = 5: must be a function"):
             vlmb.simulate(scene(PIVOT, [link("a")]), **{key: 5})
 

@@ -17,7 +17,7 @@ from vlmb import Scene, simulate
 pytest.importorskip("matplotlib")
 
 from vlmb.model.names import quantity_of
-from vlmb.views.plots import PLOTS, ZERO, save_all
+from vlmb.views.plots import PLOTS, ZERO, coordinates, save_all
 from vlmb.views.style import DPI, run_labels
 
 LINK = {"rod": {"length": 0.5, "mass": 30.0}, "lower": {"length": 0.25, "stiffness": 2e4, "damping": 200.0, "rest": 0.28}}
@@ -310,3 +310,37 @@ def test_curves_that_lie_on_each_other_are_all_seen() -> None:
     pair = PLOTS["coordinates"]([simulate(Scene.from_dict(SKIER)), same])
     first, second = lines_of(pair, r"$\psi_{1}$")[:2]
     assert first.get_linewidth() > second.get_linewidth() and second.get_linestyle() == "--"
+
+
+def test_figures_on_a_dark_ground_keep_their_curves_apart(runs: dict[str, vlmb.Trajectory], tmp_path: Any) -> None:
+    from matplotlib.colors import to_rgb
+    from matplotlib.text import Text
+    from PIL import Image
+
+    from vlmb.views.dark import BRIGHT, GROUND, darkened
+    from vlmb.views.style import PALETTE
+
+    light, dark = (coordinates(runs["skier"]) for _ in range(2))
+    darkened(dark)
+    colours = dict(zip((to_rgb(c) for c in PALETTE), (to_rgb(c) for c in BRIGHT), strict=True))
+    panels = zip(light.axes, dark.axes, strict=True)
+    pairs = [both for one, other in panels for both in zip(one.lines, other.lines, strict=True)]
+    assert len(pairs) > 8
+    for before, after in pairs:
+        assert to_rgb(after.get_color()) == pytest.approx(colours.get(to_rgb(before.get_color()), to_rgb("#e6e8ea")), abs=1e-6)
+        assert contrast(to_rgb(after.get_color()), to_rgb(GROUND)) > 4.5
+    texts = [text for text in dark.findobj(Text) if text.get_text()]
+    assert all(contrast(to_rgb(text.get_color()), to_rgb(GROUND)) > 7.0 for text in texts)
+    (written,) = save_all(runs["skier"], tmp_path, ["energy"], dark=True)
+    assert max(Image.open(written).convert("RGB").getpixel((2, 2))) < 40
+
+
+def contrast(one: Any, other: Any) -> float:
+    """Contrast of two colours as WCAG 2 defines it."""
+
+    def luminance(colour: Any) -> float:
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+        return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)

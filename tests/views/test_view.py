@@ -748,24 +748,26 @@ def until(condition: Any, seconds: float = 30.0) -> Any:
     return found
 
 
-def test_a_page_plays_a_motion_that_is_being_computed_at_real_time(
-    browser: Browser, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("vlmb.views.live.AHEAD", 2.0)
+def test_a_page_plays_a_motion_that_is_being_computed_at_real_time(browser: Browser) -> None:
     scene = load_scene(MODELS / "skier_one_link.toml")
+    pieces: list[Any] = []
+    run = simulate(scene, watch=lambda *samples: pieces.append(samples))
+    t, q, v = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    assert np.array_equal(t, run.t) and np.array_equal(q, run.q) and np.array_equal(v, run.v)
     live = Live(scene, browser=False)
     try:
+        live.take(t[:150], q[:150], v[:150])
         browser.open(live.view.url)
         assert browser.run("[info.live, info.whole, bar('motion').hidden]") == [True, 5.0, False]
         known = until(lambda: browser.run("info.duration"))
         assert known < 5.0 and browser.run("info.live")  # the rest is not computed yet
         until(lambda: re.search(r"computed to \d", browser.run("bar('note').textContent")))
+        live.take(t[150:250], q[150:250], v[150:250])
         until(lambda: browser.run("info.duration > 2.4"))
         begun, shown = time.monotonic(), browser.run("(show(0), setPlaying(true), time)")
         time.sleep(1.5)
         passed, advanced = time.monotonic() - begun, browser.run("time") - shown
         assert advanced == pytest.approx(passed, rel=0.35)  # at real time
-        run = simulate(scene)
         for path, coordinate in {"legs/lower": "xi1_1", "legs/rod/upper": "xi1_2"}.items():
             browser.run("vlmb.seek(0.4)")
             assert browser.run(f"vlmb.length('links/{path}')") == pytest.approx(at(run, coordinate, 0.4), abs=1e-4)
@@ -783,7 +785,9 @@ def test_a_page_plays_a_motion_that_is_being_computed_at_real_time(
 
 
 def test_a_page_says_when_its_run_has_gone(browser: Browser) -> None:
-    live = Live(Scene.from_dict({**SKIER, "run": {"duration": 4.0}}), browser=False)
+    scene = Scene.from_dict({**SKIER, "run": {"duration": 1.0}})
+    live = Live(scene, browser=False)
+    simulate(scene, watch=live.take)
     browser.open(live.view.url)
     until(lambda: browser.run("info.duration > 0"))
     live.close()

@@ -16,6 +16,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
     parser.add_argument("runs", nargs="*", help="stored runs (.npz)")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
+    parser.add_argument("--dark", action="store_true", help="on a dark ground")
     parser.add_argument("-o", "--output", type=Path, default=Path("plots"), help="folder for the pictures")
 
 
@@ -31,6 +32,6 @@ def execute(args: argparse.Namespace) -> int:
     from vlmb.views.plots import save_all
 
     runs = [load_trajectory(path) for path in args.runs]
-    written = save_all(runs if len(runs) > 1 else runs[0], args.output, args.only)
+    written = save_all(runs if len(runs) > 1 else runs[0], args.output, args.only, dark=args.dark)
     print(wrote(written))
     return 0

@@ -7,7 +7,7 @@ import contextlib
 import json
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -64,20 +64,20 @@ def execute(args: argparse.Namespace) -> int:
     if args.view:
         view.need_display()
     folder = args.output or _folder_of(path)
-    watched = Live(scene, changes, t0, browser=True) if args.view else None
+    watched = Live(scene, changes, browser=True) if args.view else None
+    watch = watched.take if watched else None
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
-    if args.verbose:
-        logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     try:
-        kept = keep(
-            lambda: _with_progress(
-                lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0)),
-                run.duration,
-                args.quiet,
-            ),
-            folder,
-        )
+        with _log_shown(args.verbose):
+            kept = keep(
+                lambda: _with_progress(
+                    lambda tell: simulate(scene, **changes, t_eval=times, t0=t0, progress=lambda t: tell(t - t0), watch=watch),
+                    run.duration,
+                    args.quiet,
+                ),
+                folder,
+            )
     except BaseException:
         if watched:
             watched.close()
@@ -107,6 +107,22 @@ def execute(args: argparse.Namespace) -> int:
     if watched and not ended:
         view.keep(watched.finish(trajectory))
     return 0 if trajectory.status in ("finished", "stopped") and not (trajectory.doubts or ended or kept.said) else 1
+
+
+@contextlib.contextmanager
+def _log_shown(wanted: bool) -> Iterator[None]:
+    """Let the log of vlmb be printed on stderr, if that is wanted."""
+    log, shown = logging.getLogger("vlmb"), logging.StreamHandler()
+    shown.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    before = log.level
+    if wanted:
+        log.addHandler(shown)
+        log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(shown)
+        log.setLevel(before)
 
 
 def _folder_of(path: Path) -> Path:

@@ -67,6 +67,7 @@ class Loop:
     def __init__(
         self, engine: Engine, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
         progress: Callable[[float], None] | None = None, longest: float = np.inf,
+        hand: Callable[[Array, Array], None] | None = None,
     ) -> None:  # fmt: skip
         self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
         self.method = find_method(run.method)
@@ -86,6 +87,7 @@ class Loop:
         self.switched: list[float] = []  # times of the last switches
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
+        self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
         self.kept = len(times)  # samples, at most
         self._refuse_start()
 
@@ -179,13 +181,18 @@ class Loop:
         return code
 
     def _tell(self) -> None:
-        """Tell the times of the samples taken since, or the time reached where there are none.
+        """Hand out the samples taken since, and tell their times, or the time reached where there are none.
 
         A progress that raises ends the run at the time it was told: what was computed beyond is not kept.
         """
+        count = int(self.driver.counts[NEXT_SAMPLE])
+        if self.hand is not None and count > self.handed:
+            new = slice(self.handed, count)
+            self.handed = count
+            self.hand(self.driver.times[new], self.driver.samples[new])
         if self.tell is None:
             return
-        taken = self.driver.times[: self.driver.counts[NEXT_SAMPLE]]
+        taken = self.driver.times[:count]
         for reached in taken[np.searchsorted(taken, self.told, side="right") :].tolist() or [self.t]:
             if reached > self.told:
                 self.told = reached

@@ -26,6 +26,7 @@ from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
+from vlmb.simulation.motion import Motion
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
@@ -64,6 +65,7 @@ def simulate(
     engine: str | None = None,
     max_step: float | None = None,
     progress: Callable[[float], None] | None = None,
+    watch: Callable[[Array, Array, Array], None] | None = None,
 ) -> Trajectory:
     """Simulate a scene; arguments override its `[run]`, None means what the scene says.
 
@@ -82,6 +84,7 @@ def simulate(
     max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
         cannot be looked at before, has one look in 1 / run.samples at least
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
+    watch : called while the run goes on with the samples since its last call: t (N,), Pinocchio's q (N, nq) and v (N, nv)
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
     Raises SceneError (a VlmbError) for what is wrong before the run.
@@ -90,6 +93,8 @@ def simulate(
         raise SceneError(f"control = {control!r:.80}: must be a function of (t, view) that returns forces by name")
     if progress is not None and not callable(progress):
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
+    if watch is not None and not callable(watch):
+        raise SceneError(f"watch = {watch!r:.80}: must be a function that is called with samples (t, q, v)")
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     run = run_options(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
@@ -97,7 +102,7 @@ def simulate(
     )  # fmt: skip
     times = sample_times(run, t_eval, t0)
     with interrupts.held():
-        return _simulated(mechanism, run, times, control, start, t0, progress)
+        return _simulated(mechanism, run, times, control, start, t0, progress, watch)
 
 
 def _start(system: System, t0: float = 0.0) -> Start:
@@ -120,18 +125,18 @@ def _takes_two(function: Callable[..., Any]) -> bool:
 
 def _simulated(
     mechanism: Mechanism, run: Run, times: Array, control: Control | None, start: End | Mapping[str, float] | None, t0: float,
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None] | None, watch: Callable[[Array, Array, Array], None] | None,
 ) -> Trajectory:  # fmt: skip
     """Simulate with checked options."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    return run_system(make_system(mechanism, run), times, control, start, t0, progress)
+    return run_system(make_system(mechanism, run), times, control, start, t0, progress, watch)
 
 
 def run_system(
     system: System, times: Array, control: Control | None = None, start: End | Mapping[str, float] | None = None, t0: float = 0.0,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None, watch: Callable[[Array, Array, Array], None] | None = None,
 ) -> Trajectory:  # fmt: skip
     """Simulate a system from its scene's start; `start` is what that was made from. The rest is as in `simulate`."""
     mechanism, run = system.mechanism, system.run
@@ -149,7 +154,13 @@ def run_system(
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
         began, used = time.perf_counter(), time.thread_time()
-        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
+
+        def hand(t: Array, states: Array) -> None:
+            assert watch is not None
+            watch(t, *Motion(system, mover.name, t, mover.stored(t, states), np.array(begin.branch)).pinocchio)
+
+        longest = math.inf if control is None else 1.0 / run.samples
+        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, longest, hand if watch else None)
         interrupts.answer()
         LOG.info("%s: begins: %s, engine %s, %g s from t = %g s", mechanism.scene.name, run.method, mover.name, run.duration, t0)
         for sentence in begin.adjustments:
@@ -178,7 +189,7 @@ def _logged(trajectory: Trajectory) -> Trajectory:
     """Tell the log how a run ended, and what is doubtful of it."""
     name, steps = trajectory.scene.name, trajectory.stats["steps"]
     level = logging.WARNING if trajectory.status == "failed" else logging.INFO
-    LOG.log(level, "%s: %s %d steps", name, trajectory.message, steps)
+    LOG.log(level, "%s: %s (%d steps)", name, trajectory.message, steps)
     for doubt in trajectory.doubts:
         LOG.warning("%s: doubtful: %s", name, doubt)
     return trajectory
@@ -253,7 +264,7 @@ def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
     start = _start(system)
     _breaks(system, 0.0, scene.run.duration)
     engine = make_engine(system, start.branch)
-    y, times = engine.pack(start.state), sample_times(scene.run)
+    y, times = engine.pack(start.state), np.array([0.0, scene.run.duration])
     engine.evaluate(0.0, y)
     Loop(engine, scene.run, y, times, (), 0.0, longest_steps(scene, 0.0, scene.run.duration))  # refuses a start as a run does
     if not fits(mechanism.model.nv):

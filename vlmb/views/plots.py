@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError, nearest
 from vlmb.model.names import force_symbol, panel_label, quantity_of
+from vlmb.views.dark import darkened
 from vlmb.views.data_plots import data
 from vlmb.views.panels import (
     ZERO,
@@ -200,9 +201,12 @@ PLOTS: dict[str, Callable[..., Figure]] = {
 
 
 def save_all(
-    trajectory: Runs, folder: str | Path, only: Iterable[str] | None = None, labels: Sequence[str] | None = None
-) -> list[Path]:
+    trajectory: Runs, folder: str | Path, only: Iterable[str] | None = None, labels: Sequence[str] | None = None,
+    dark: bool = False,
+) -> list[Path]:  # fmt: skip
     """Write the figures as PNG files into a folder and return their paths; several runs share each figure.
+
+    `dark` puts them on a dark ground.
 
     Figures that would be empty are skipped; one that is asked for by name and would be empty is an error.
     Raises VlmbError for an unknown name in `only`, or when matplotlib is not installed.
@@ -222,7 +226,7 @@ def save_all(
             figure = PLOTS[name](runs, labels)
             if figure.axes:
                 with style():
-                    written.append(write(figure, folder / f"{name}.png"))
+                    written.append(write(darkened(figure) if dark else figure, folder / f"{name}.png"))
             elif only is not None:
                 raise VlmbError(f"the plot {name!r} would be empty: {figure.texts[-1].get_text()}")
     finally:

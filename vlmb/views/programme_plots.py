@@ -154,13 +154,14 @@ def strengths(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
             mean, deviation = both_legs(strength)
             ax.axhspan(mean - deviation, mean + deviation, color=colour, alpha=0.18, linewidth=0.0)
             ax.axhline(mean, color=colour, linewidth=1.0, label=strength.way)
+        first = next(k for k, entry in enumerate(moments) if joint in entry)  # names the lines of all
         for k, (run, entry) in enumerate(zip(runs, moments, strict=True)):
             if joint in entry:
                 forwards, right = entry[joint]
                 dashes = DASHES[k % len(DASHES)]
-                ax.plot(run.t, forwards, color=PALETTE[k % len(PALETTE)], linestyle=dashes, label="_" if k else "moment")
+                ax.plot(run.t, forwards, color=PALETTE[k % len(PALETTE)], linestyle=dashes, label="moment" if k == first else "_")
                 if right.any():
-                    ax.plot(run.t, right, color=GREY, linewidth=0.9, linestyle=dashes, label="_" if k else "sideways")
+                    ax.plot(run.t, right, color=GREY, linewidth=0.9, linestyle=dashes, label="sideways" if k == first else "_")
         ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5)
         ax.set_xlim(min(run.t[0] for run in runs), max(run.t[-1] for run in runs) or 1.0)
         ax.set_ylabel(f"{joint} [N m]")
