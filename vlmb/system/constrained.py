@@ -20,7 +20,7 @@ from scipy.linalg import lapack
 from vlmb.core.joints import rows_of_joints
 from vlmb.errors import SingularError
 from vlmb.model.mechanism import Mechanism
-from vlmb.system.constraints import ConstraintSet
+from vlmb.system.constraints import STEEP, ConstraintSet, contradiction
 from vlmb.system.core_rows import gain_table, moving_places
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
@@ -236,8 +236,9 @@ class ConstraintSolver:
         self.worth, self.diagonal = math.sqrt(values[values > REPEATING * values[-1]][0]), diagonal
         error = np.abs(matrix @ answer - right)
         if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
-            worst = [repr(self.names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
-            raise SingularError(f"the ideal constraints {', '.join(worst)} contradict each other here: drop one of them")
+            worst = [int(k) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
+            steep = [not self.bounded[k] and sizes[k] > STEEP**2 for k in worst]
+            raise contradiction([self.names[k] for k in worst], steep)
         return answer
 
 
