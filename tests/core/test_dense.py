@@ -10,6 +10,7 @@ from vlmb.core.dense import (
     condition_of,
     eliminate,
     largest_entry,
+    least_singular,
     least_squares,
     pivots_hold,
     reflect,
@@ -112,3 +113,4 @@ def test_condition(rows: int, columns: int) -> None:
     a = np.random.default_rng(columns).normal(size=(rows, columns)) * np.logspace(0, 3, columns)
     assert condition_of(roomy(a), rows, columns) == pytest.approx(np.linalg.cond(a), rel=1e-10)
     assert condition_of(np.zeros((rows, columns)), rows, columns) == np.inf
+    assert least_singular(roomy(a), rows, columns, 1e-10) == pytest.approx(np.linalg.svd(a, compute_uv=False)[-1], rel=1e-10)

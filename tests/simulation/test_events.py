@@ -360,3 +360,27 @@ def test_the_longest_step_is_kept(method: str, engine: str) -> None:
     assert run.stats["steps"] >= 100
     with pytest.raises(vlmb.SceneError, match="max_step"):
         vlmb.simulate(pistons([1.0], [[0.0, 9.0]]), max_step=0.0)
+
+
+@both_engines
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_the_end_is_as_good_as_the_steps(share: float, engine: str) -> None:
+    """At the default tolerance, by an exact solution: what is left is what the steps before have lost."""
+    made = oscillator([0.5, MIDDLE + share * SWING])
+    trajectory = vlmb.simulate(made, 1.0, rtol=1e-6, atol=1e-9, engine=engine)
+    assert trajectory.t[-1] == pytest.approx(math.acos(-share) / OMEGA, abs=3e-9)
+    assert trajectory["xi1_1"][-1] <= MIDDLE + share * SWING
+
+
+@both_engines
+def test_a_switch_of_the_state_is_located_as_well_as_the_steps_are(engine: str) -> None:
+    """A push that ends at the middle: from there on the swing is larger, by v^2 of energy."""
+    made = oscillator([0.1, 3.0])
+    push = 40.0  # [N] shifts the equilibrium of the first quarter by push / STIFFNESS
+    pushed = made.changed(forces=[{"on": "F1_1", "law": f"where(xi1_1 < {MIDDLE!r}, {push!r}, 0)"}])
+    first = SWING + push / STIFFNESS
+    at = math.acos(push / STIFFNESS / first) / OMEGA
+    speed = first * OMEGA * math.sin(OMEGA * at)
+    found = vlmb.simulate(pushed, at + 0.4 * PERIOD, rtol=1e-6, atol=1e-9, engine=engine)
+    exact = MIDDLE + speed / OMEGA * math.sin(OMEGA * (found.t[-1] - at))
+    assert found["xi1_1"][-1] == pytest.approx(exact, abs=2e-8)

@@ -61,6 +61,23 @@ def test_windows_pass_every_line_up_on_their_branch(count: int, engine: str) -> 
     assert not trajectory.doubts
 
 
+@pytest.mark.parametrize("engine", ["core", "pinocchio"] if COMPILED else ["core"])
+@pytest.mark.parametrize(
+    "twice", [["c1.tip.x + c1.tip.z = p1.tip.x + p1.tip.z"], ["c1.tip.x = p1.tip.x + 0*t", "2*c1.tip.z = 2*p1.tip.z"]]
+)
+def test_rows_that_repeat_others_are_watched_as_well(twice: list[str], engine: str) -> None:
+    scene = windows(1)
+    scene["constraints"] += twice
+    trajectory = vlmb.simulate(scene, 3.0, rtol=1e-10, atol=1e-11, engine=engine)
+    assert trajectory.status == "finished", trajectory.message
+    assert off(trajectory, pendulum(1, -1.0, 0.5 * math.pi, 3.0)) < 1e-7
+    still = windows(1, STILL, -0.5 * math.pi, engine=engine)
+    still["constraints"] += twice
+    stopped = vlmb.simulate(still, 2.0, rtol=1e-9, atol=1e-10)
+    assert off(stopped, pendulum(1, STILL, -0.5 * math.pi, 2.0)) < 1e-6
+    assert stopped.status == "finished" or "two motions meet" in stopped.message
+
+
 def test_a_parallelogram_given_by_its_ends() -> None:
     links = [{"name": "a", **BAR}, {"name": "b", "parent": "a", **BAR}, {"name": "c", "parent": "b", **BAR}]
     scene = {

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
-from vlmb.core.dense import cholesky, least_squares, solve_cholesky
+from vlmb.core.dense import cholesky, least_singular, least_squares, solve_cholesky
 from vlmb.core.jit import kernel
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
@@ -46,6 +46,7 @@ REPEATED = 1e-12  # of a Cholesky pivot over the diagonal: a row that others rep
 CUT = 1e-10  # of the singular values of rows that repeat each other
 ASKED = 1e-6  # [1/s^2] that a row which moves nothing may ask for
 SIDEWAYS = 1  # place of the sideways velocity of a base that may slide
+TINIEST = 1e-300
 NEARLY = 0.1  # of the largest error: rows with one above it are named
 
 # Codes: what is wrong, and with which rows or controls, as bits.
@@ -260,6 +261,11 @@ def solve_repeating(sizes: Sizes, space: Space) -> int:
             b[i, k] = space.solved[i, k] / scale_of(space, i)
             largest = max(largest, abs(space.solved[i, k]))
     least_squares(a, e, e, b, s + 1, CUT, x)
+    for i in range(e):
+        for j in range(e):
+            a[i, j] = space.square[i, j] / sqrt(max(space.square[i, i], space.largest[i], TINIEST))
+            a[i, j] /= sqrt(max(space.square[j, j], space.largest[j], TINIEST))
+    space.state[WORTH] = sqrt(least_singular(a, e, e, CUT))
     for j in range(e):
         for k in range(s + 1):
             x[j, k] /= scale_of(space, j)
@@ -283,7 +289,7 @@ def solve_repeating(sizes: Sizes, space: Space) -> int:
 @kernel
 def scale_of(space: Space, i: int) -> float:
     """Return the root of a diagonal entry of J M^-1 J^T."""
-    return sqrt(max(space.square[i, i], 1e-300))
+    return sqrt(max(space.square[i, i], TINIEST))
 
 
 @kernel(inline=True)

@@ -234,3 +234,18 @@ def condition_of(a: Array, m: int, n: int) -> float:
         square = row_product(a, i, i, n)
         largest, smallest = max(largest, square), min(smallest, square)
     return sqrt(largest / smallest) if smallest > 0.0 else float("inf")
+
+
+@kernel
+def least_singular(a: Array, m: int, n: int, cut: float) -> float:
+    """Return the least singular value of A (m, n), m <= n, above `cut` of the largest; A is overwritten."""
+    make_orthogonal(a, m, n, a, 0)
+    largest = 0.0
+    for i in range(m):
+        largest = max(largest, row_product(a, i, i, n))
+    least = largest
+    for i in range(m):
+        square = row_product(a, i, i, n)
+        if square > cut * cut * largest:
+            least = min(least, square)
+    return sqrt(least)

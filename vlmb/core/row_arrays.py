@@ -24,8 +24,8 @@ ALONG = 0  # of a control: the quantity that it acts along; WORK as above
 ROOT, OF_ROW, COLUMN = range(3)  # of a gain: where in (H, K) it stands; of a weight: OF_ROW is -1, COLUMN the control
 # Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other; what the
 # ideal row that has least is still worth beside those before it, as a share of the largest that it has been, in the metric of
-# M^-1; its rate [1/s], value and time [s] at the last accepted step, and the least one that is not looked at more closely. Rows
-# that always repeat each other have 1.
+# M^-1; its rate [1/s], value and time [s] at the last accepted step, and the least one that is not looked at more closely. Of
+# rows that repeat each other it is the least that they are worth together, what is repeated left out.
 SIDE, SIDE_BEFORE, REPEATING, WORTH, WORTH_RATE, WORTH_BEFORE, WORTH_TIME, WORTH_BOUND = range(8)
 PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the knife edge; velocities 0
 

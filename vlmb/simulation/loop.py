@@ -40,6 +40,7 @@ from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
+from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passing
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
@@ -70,7 +71,7 @@ class Loop:
         hand: Callable[[Array, Array], None] | None = None,
     ) -> None:  # fmt: skip
         self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
-        self.method = find_method(run.method)
+        self.method, self.controlled = find_method(run.method), longest < np.inf
         self.h_max = longest if run.max_step is None else run.max_step
         step = 0.0 if self.method.adaptive else run.step or DEFAULT_STEP
         directions = np.array([event.direction for event in engine.events])
@@ -154,6 +155,7 @@ class Loop:
                 self._answer()
             elif code == STOPPED:
                 self._note_time()
+                self._step_onto()
                 self._tell()
                 sentence = self._after_stop(until)
                 if sentence is not None:
@@ -230,6 +232,12 @@ class Loop:
                 self._end_here()
                 return event.sentence
         return None
+
+    def _step_onto(self) -> None:
+        """Find the time and the state of an event by a step that ends there; a control is not asked again."""
+        if not self.controlled:
+            self.t = step_onto(self.engine, self.driver, int(np.flatnonzero(self.driver.indicators[HIT])[0]), self.t)
+            self.driver.real[TIME] = self.t
 
     def _after_stop(self, until: float) -> str | None:
         """Return the sentence of an event that ends the run; a switch only begins a new step."""

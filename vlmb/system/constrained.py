@@ -20,7 +20,7 @@ from scipy.linalg import lapack
 from vlmb.core.joints import rows_of_joints
 from vlmb.errors import SingularError
 from vlmb.model.mechanism import Mechanism
-from vlmb.system.constraints import ConstraintSet
+from vlmb.system.constraints import STEEP, ConstraintSet, contradiction
 from vlmb.system.core_rows import gain_table, moving_places
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
+REPEATING = 1e-10  # of the largest singular value of J M^-1 J^T in its scale: below it rows repeat each other
 LOST = 1e-13  # of a diagonal entry: a Cholesky pivot squared below this part of it is rounding
 TINIEST = 1e-300
 SIDEWAYS = 1  # index of the ski's sideways velocity in v
@@ -229,11 +230,15 @@ class ConstraintSolver:
             self.require_finite()
             raise SingularError("the ideal constraints have no finite values here")
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=1e-10)[0] / scale[:, None]
+        answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=REPEATING)[0] / scale[:, None]
+        bound = np.sqrt(np.maximum(scale**2, self.largest))
+        values = np.linalg.eigvalsh(matrix / np.outer(bound, bound))
+        self.worth, self.diagonal = math.sqrt(values[values > REPEATING * values[-1]][0]), diagonal
         error = np.abs(matrix @ answer - right)
         if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
-            worst = [repr(self.names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
-            raise SingularError(f"the ideal constraints {', '.join(worst)} contradict each other here: drop one of them")
+            worst = [int(k) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
+            steep = [not self.bounded[k] and sizes[k] > STEEP**2 for k in worst]
+            raise contradiction([self.names[k] for k in worst], steep)
         return answer
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vlmb.core.joints import rows_of_joints
 from vlmb.core.quantities import AZIMUTH
-from vlmb.errors import SceneError, SimulationError, VlmbError
+from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.model.forms import RowFacts
 from vlmb.model.laws import tape_breaks
 from vlmb.model.mechanism import Mechanism
@@ -42,6 +42,9 @@ class Constraint:
     working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
     azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
     unbounded: bool = False  # W grows without bound: that of an azimuth towards the pole
+
+
+STEEP = 30.0  # size of the row of an azimuth [1/rad] whose link stands next to the pole
 
 
 class RowValues(NamedTuple):
@@ -121,6 +124,19 @@ class ConstraintSet:
             if not np.isfinite(column).all():
                 return no_direction(force, self.readings.layout)
         return None
+
+
+def contradiction(names: Sequence[str], steep: Sequence[bool]) -> SingularError:
+    """Make the error of ideal rows that cannot be met together. `steep`: those of an azimuth next to the pole."""
+    listed = ", ".join(map(repr, names))
+    if not any(steep):
+        return SingularError(f"the ideal constraints {listed} contradict each other here: drop one of them")
+    azimuths = ", ".join(repr(name) for name, row in zip(names, steep, strict=True) if row)
+    return SingularError(
+        f"the ideal constraints {listed} cannot be met together here: {azimuths} goes by an azimuth, and a link stands next to "
+        "the pole, where an azimuth magnifies what the others leave open; drop it if the others say the same, or write it with "
+        "direction.x and direction.y"
+    )
 
 
 def _azimuths(mechanism: Mechanism, equation: Equation) -> tuple[str, str] | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from vlmb.core import constraints as rows
 from vlmb.core import tree as links
 from vlmb.core.plant import (
@@ -18,9 +20,10 @@ from vlmb.core.plant import (
     Memory,
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, BETWEEN, KIND, LINK
-from vlmb.core.row_arrays import FIRST, IDEAL, SECOND, SERVO
+from vlmb.core.row_arrays import FIRST, IDEAL, SECOND, SERVO, UNBOUNDED, parts, sizes_of
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.model.mechanism import Mechanism
+from vlmb.system.constraints import STEEP, contradiction
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.core_rows import solved_programme
 from vlmb.system.programme import out_of_reach, turned_side
@@ -104,7 +107,11 @@ def _of_rows(mechanism: Mechanism, plan: CorePlan, memory: Memory, what: int) ->
     assert kind == rows.CONTRADICTING
     if not named:
         return SingularError("the ideal constraints have no finite values here")
-    return SingularError(f"the ideal constraints {', '.join(named)} contradict each other here: drop one of them")
+    worst = [k for k in range(len(plan.row_names)) if bits >> min(k, rows.MOST) & 1]
+    table, sizes = plan.plant.rows.table, sizes_of(plan.plant.rows)
+    lines, held = parts(sizes, memory.rows).lines, int(sizes.held)
+    steep = [k >= held and table[1 + k - held, UNBOUNDED] == 1 and bool(np.linalg.norm(lines[k]) > STEEP) for k in worst]
+    return contradiction([plan.row_names[k] for k in worst], steep)
 
 
 def _chosen(names: Sequence[str], bits: int) -> list[str]:

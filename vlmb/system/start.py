@@ -13,6 +13,7 @@ from vlmb.model.layout import Layout, State, segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.scene.names import listed
+from vlmb.system.start_branches import choose_branch
 from vlmb.system.start_rows import given_values, meet_positions, meet_rates, rank_of, row_sets, share_azimuths
 from vlmb.system.system import System
 
@@ -72,6 +73,7 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     adjustments = meet_positions(mechanism, followed, coordinates, sets)
     adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
     adjustments += meet_rates(mechanism, followed, coordinates, rates, sets)
+    adjustments += choose_branch(mechanism, followed, coordinates, rates, sets)
     adjustments += _in_degrees(mechanism)
     count = len(mechanism.scene.constraints)
     rank = max((rank_of(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)

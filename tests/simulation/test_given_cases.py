@@ -1,0 +1,78 @@
+"""Scenes that once went wrong, each with the value that is right."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vlmb
+from vlmb.core.jit import COMPILED
+
+BAR: dict[str, Any] = {"rod": {"length": 1.0, "mass": 1.0}}
+LONG = pytest.mark.skipif(not COMPILED, reason="long runs need the compiled core")
+
+
+@LONG
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-10, "atol": 1e-11}, {"method": "adams", "rtol": 1e-9, "atol": 1e-10}])
+def test_the_parallelogram_after_ten_seconds_and_all_its_line_ups(options: dict[str, Any]) -> None:
+    links = [{"name": "a", **BAR}, {"name": "b", "parent": "a", **BAR}, {"name": "c", "parent": "b", **BAR}]
+    start = {"psi1": 0.5 * math.pi, "psi2": 0.0, "psi3": -0.5 * math.pi, "psi1_dot": -1.0}
+    rows = ["c.tip.x = 1", "c.tip.z = 0"]
+    scene = {"plane": True, "base": {"kind": "pivot"}, "links": links, "constraints": rows, "start": start}
+    found = vlmb.simulate(scene, 10.0, **options)
+    assert found.position("a", "tip")[-1, [0, 2]] == pytest.approx([0.4783851, 0.8781502], abs=2e-6)
+
+
+@pytest.mark.parametrize("gravity", [1e20, 1e40])
+def test_a_gravity_out_of_all_reason_is_told_soon(gravity: float) -> None:
+    scene = {"base": {"kind": "pivot"}, "links": [{"name": "a", **BAR}], "gravity": gravity, "start": {"psi1": 0.3}}
+    found = vlmb.simulate(scene, 1.0)
+    assert found.status == "failed"
+    assert found.stats["rhs_evaluations"] < 1000
+
+
+@pytest.mark.parametrize("plane", [True, False], ids=["plane", "space"])
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_a_spring_between_the_one_link_and_the_ground(plane: bool, damping: float) -> None:
+    spring = {"between": ["base", "a"], "stiffness": 20.0, "damping": damping}
+    scene = {"base": {"kind": "pivot"}, "links": [{"name": "a", **BAR}], "forces": [spring], "start": {"psi1": 0.3}}
+    scene["plane"] = plane
+    found = vlmb.simulate(scene, 1.0, rtol=1e-9, atol=1e-10)
+    assert found.status == "finished"
+    assert np.abs(found["balance"]).max() < 1e-8
+
+
+def swung(rows: list[str]) -> dict[str, Any]:
+    """Three links that swing through the nadir, in one upright plane."""
+    start = {"psi1": -1.2, "psi2": -1.0, "psi3": -0.8, "phi1": 0.3, "phi2": 0.3, "phi3": 0.3}
+    return {"base": {"kind": "pivot"}, "links": [{"name": name, **BAR} for name in "abc"], "constraints": rows, "start": start}
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"] if COMPILED else ["core"])
+@pytest.mark.parametrize("rows", [["phi2=phi1", "phi3=phi1"], ["phi2=phi1", "phi3=phi1", "phi2=phi3"]])
+def test_azimuths_that_are_equal_pass_the_pole_however_often_it_is_said(rows: list[str], engine: str) -> None:
+    flat = swung([]) | {"plane": True, "start": {"psi1": -1.2, "psi2": -1.0, "psi3": -0.8}}
+    plane = vlmb.simulate(flat, 1.0, rtol=1e-9, atol=1e-10)
+    found = vlmb.simulate(swung(rows), 1.0, rtol=1e-9, atol=1e-10, engine=engine)
+    assert found.status == "finished", found.message
+    out = found.position("c", "tip") @ np.array([math.cos(0.3), math.sin(0.3), 0.0])
+    np.testing.assert_allclose(out, plane.position("c", "tip")[:, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"] if COMPILED else ["core"])
+def test_a_repeated_row_that_an_azimuth_at_the_pole_keeps_apart_is_told_as_that(engine: str) -> None:
+    found = vlmb.simulate(swung(["phi2=phi1", "phi3=phi1", "phi2=phi3", "2*phi1-phi2-phi3=0"]), 1.0, engine=engine)
+    if found.status == "failed":
+        assert "goes by an azimuth, and a link stands next to the pole" in found.message
+        assert "contradict each other" not in found.message
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"] if COMPILED else ["core"])
+def test_rows_that_contradict_each_other_away_from_a_pole_are_told_as_that(engine: str) -> None:
+    made = swung(["phi1 = 0.3 + 0*t", "phi1 = 0.3 + 0.5*t**2"])
+    found = vlmb.simulate(made, 1.0, engine=engine)
+    assert found.status == "failed"
+    assert "contradict each other here: drop one" in found.message
