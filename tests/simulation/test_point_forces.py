@@ -292,6 +292,24 @@ def test_a_free_pair_with_a_damper_between_its_links_keeps_its_angular_momentum(
     assert found["dissipated"][-1] > 0.1
 
 
+@both_engines
+@pytest.mark.parametrize("base", [FLYING, PIVOT, SKI], ids=lambda base: str(base["kind"]))
+@pytest.mark.parametrize(
+    "spring",
+    [
+        {"between": ["link1.rod_start", "link2.tip"], "stiffness": 200.0, "damping": 5.0, "rest": 0.4},
+        {"between": ["link1.tip", "link2.rod_end"], "stiffness": 90.0, "damping": 3.0, "rest": 0.45, "tension_only": True},
+        {"between": ["link2.tip", [0.3, 0.2, 1.0]], "stiffness": 90.0},
+    ],
+    ids=["damped", "rope", "to a fixed place"],
+)
+def test_the_account_of_energy_closes_with_springs(spring: dict[str, Any], base: dict[str, Any], engine: str) -> None:
+    """Within 1e-9 J per joule of the largest energy, and of 1 J: what `run` holds every scene of this page to."""
+    found = run(bent(base, 2, springs=[spring]), engine, 1.0)
+    assert found["spring"].max() > 1.0
+    assert np.abs(found["balance"]).max() < 1e-9 * np.abs(found["energy"]).max()
+
+
 def test_a_scene_with_springs_comes_back_from_a_dict() -> None:
     spring = {"between": ["leg.tip", ["2*a", 0, "a"]], "stiffness": "100*a", "rest": 0.2}
     made = vlmb.Scene.from_dict({**on_a_line([], 1.4).to_dict(), "parameters": {"a": 0.5}, "springs": [spring]})
@@ -336,7 +354,8 @@ def test_info_and_check_tell_what_acts(tmp_path: Path, capsys: pytest.CaptureFix
     length = math.dist(rod_end, [0.3, 1.0, 2.0])
     sentences = [
         "forces[0]: at link1.tip, (-2*link1.tip.x_dot, 0, 5) N in the surface frame",
-        f"springs[0]: link1.rod_end to [0.3, 1.0, 2.0] m, 50 N/m, 2 N s/m, rest 0.4 m, a rope, which never pushes; {length:.4g} m",
+        "springs[0]: link1.rod_end to [0.3, 1.0, 2.0] m, 50 N/m, 2 N s/m, rest 0.4 m, a rope, which never pushes; "
+        f"{length:.4g} m at the start",
         "springs[1]: link1.tip to [2.0, 0.0, 1.0] m, 20 N/m, rest 0 m;",
         "base: Coulomb friction 0.04 of the normal force", "base: drag 0.3 kg/m by the velocity of link1.tip",
     ]  # fmt: skip
@@ -362,3 +381,39 @@ def test_all_that_acts_comes_back_from_a_file(engine: str, tmp_path: Path) -> No
         np.testing.assert_array_equal(again.controls[name], values)
     for name, values in found.reactions.items():
         np.testing.assert_allclose(again.reactions[name], values, rtol=1e-12, atol=1e-12)
+
+
+DRIVEN = {"motion": "prescribed", "law": "0.3 + 0.06*sin(4*t)"}
+BEYOND: dict[str, dict[str, Any]] = {
+    "a force": {"forces": [{"at": "b.tip", "force": ["3*cos(2*t)", "-0.5*b.tip.y_dot", 4.0]}]},
+    "a spring": {"springs": [{"between": ["b.tip", [0.4, 0.3, 1.2]], "stiffness": 90.0, "damping": 3.0, "rest": 0.2}]},
+    "a rope": {"springs": [{"between": ["b.rod_end", [0.0, 0.0, 3.0]], "stiffness": 60.0, "rest": 0.8, "tension_only": True}]},
+    "a spring without rest": {"springs": [{"between": ["b.tip", [0.4, 0.3, 1.2]], "stiffness": 90.0}]},
+    "drag": {"base": {**SKI, "drag": 0.8, "drag_at": "b.tip"}},
+    "a control": {
+        "programme": {"constraints": ["b.tip.x - a.hinge.x = 0.6"], "controls": ["R_b.tip.x"], "frequency": 3.0},
+    },
+    "beside an ideal row": {
+        "constraints": ["psi2 = 0.4"], "springs": [{"between": ["b.tip", [0.4, 0.3, 1.2]], "stiffness": 90.0, "damping": 3.0}],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("base", [PIVOT, SKI], ids=lambda base: str(base["kind"]))
+@pytest.mark.parametrize("name", BEYOND)
+def test_a_driven_length_carries_what_acts_at_points_beyond_it(name: str, base: dict[str, Any]) -> None:
+    """Its force and its work have what a force at a point does as the length moves that point: by both engines, and by energy."""
+    keys = {"base": base, **BEYOND[name]}
+    if keys["base"]["kind"] != base["kind"]:
+        pytest.skip("drag is a ski's")
+    start = {"psi1": 1.0, "phi1": 0.4, "psi2": 0.4, "phi2": 1.3, "phi1_dot": 0.3, "psi1_dot": 0.2}
+    start |= {"phi0": 0.3, "speed": 1.5} if base["kind"] == "ski" else {}
+    links = [link("a", lower=DRIVEN, upper=FIXED), link("b", lower=FIXED, upper=DRIVEN)]
+    made = scene(keys.pop("base"), links, start=start, **keys)
+    core, other = (vlmb.simulate(made, duration=0.5, engine=engine) for engine in ("core", "pinocchio"))
+    for found in (core, other):
+        assert found.status == "finished", found.message
+        assert np.abs(found["balance"]).max() < 1e-9 * max(1.0, np.abs(found["energy"]).max())
+    for force in ("F1_1", "F2_2"):
+        theirs = other.controls[force]
+        np.testing.assert_allclose(core.controls[force], theirs, rtol=0, atol=1e-7 * np.abs(theirs).max())
