@@ -126,9 +126,51 @@ def make(seed: int, words: Words = Words()) -> Scene:
             "frequency": 4.0 / slow,
         }  # fmt: skip
         scene["forces"] = [entry for entry in scene["forces"] if "on" not in entry]
+    _act(scene, seed, words, {link["name"] for link in links}, number["a"], number.get("b"))
     scene["run"] = {"gain": 5.0 / slow, "duration": DURATION * slow, "samples": 60.0 / slow, **TIGHT, **dict(words.run)}
     scene["run"]["atol"] *= min(1.0, big)
     return scene
+
+
+def _act(scene: Scene, seed: int, words: Words, names: set[str], first: int, second: int | None) -> None:
+    """Put forces at points, springs between points, drag, friction and gains of the motion on a scene; dice of their own."""
+    dice, big, heavy, slow = np.random.default_rng([seed, 2]), words.length, words.mass, words.time
+    last, stiff, damped, force = max(names), heavy / big, heavy / slow, heavy
+    springs: list[Scene] = []
+
+    def place() -> list[float]:
+        x, y, z = dice.uniform([0.2, -0.5, 0.8], [1.0, 0.5, 1.5]).tolist()
+        x, y = (x, 0.0) if scene["plane"] else (x, words.mirror * y)
+        c, s = math.cos(words.turn), math.sin(words.turn)
+        return [(c * x - s * y) * big, (s * x + c * y) * big, z * big]
+
+    chosen, size = dice.random(8), dice.uniform(0.5, 1.5, 8).tolist()
+    if chosen[0] < 0.3:
+        keys = {"stiffness": 40.0 * size[0] * stiff, "damping": 2.0 * size[1] * damped, "rest": 0.3 * size[2] * big}
+        springs.append({"between": [f"{last}.tip", place()], **keys})
+    if chosen[1] < 0.25:
+        rope = {"stiffness": 60.0 * size[3] * stiff, "rest": 0.5 * size[4] * big, "tension_only": True}
+        springs.append({"between": [place(), "a.rod_end"], **rope})
+    if springs:
+        scene["springs"] = springs
+    if chosen[2] < 0.25:
+        scene["forces"].append({"at": f"{last}.tip", "force": [f"-{size[5] * damped!r}*{last}.tip.{axis}_dot" for axis in "xyz"]})
+    if chosen[3] < 0.25:
+        scene["forces"].append({"at": "a.rod_end", "force": [f"{3.0 * size[6] * force!r}*cos(a.elevation)", 0, 0], "frame": "a"})
+    if scene["base"]["kind"] == "ski":
+        if chosen[4] < 0.4:
+            scene["base"] |= {"drag": 0.3 * size[7] * heavy / big, "drag_at": "com" if chosen[4] < 0.2 else f"{last}.tip"}
+        if chosen[5] < 0.3:
+            scene["base"]["friction"] = 0.05
+    if "programme" in scene and chosen[6] < 0.7:
+        programme = scene["programme"]
+        del programme["frequency"]
+        programme["h"] = [[f"-{16.0 / slow**2!r}*(1 + 0.3*a.elevation**2)"]]
+        programme["k"] = [[f"-{8.0 / slow!r}*(1 + 0.2*sin(a.elevation)) - 0.1*abs(a.elevation_dot)"]]
+        if second is not None and chosen[7] < 0.6:
+            programme["controls"].append(f"M_psi{second}")
+            weight = f"{(heavy * big) ** -2!r}*(1 + 0.5*sin(a.elevation))"
+            programme["weights"] = {f"M_psi{first}": weight, f"M_psi{second}": f"2*{weight}"}
 
 
 def _ordered(links: list[Scene], order: int) -> list[Scene]:

@@ -24,7 +24,8 @@ def execute(args: argparse.Namespace) -> int:
     """Run the command; return its exit code."""
     scene = load_scene(args.scene)
     mechanism = build(scene)
-    layout, free = mechanism.layout, Checked(mechanism, consistent_start(make_system(mechanism))).degrees_of_freedom
+    checked = Checked(mechanism, consistent_start(make_system(mechanism)))
+    layout, free = mechanism.layout, checked.degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
     for quantity in mechanism.names.coordinates:
@@ -40,6 +41,8 @@ def execute(args: argparse.Namespace) -> int:
         print(f"    {entry}")
     for entry in mechanism.warnings:
         print(f"  warning             {entry}")
+    for sentence in checked.acting:
+        print(f"  acts                {sentence}")
     for column in mechanism.signals.columns:
         print(f"  data                {column.report}")
     return 0

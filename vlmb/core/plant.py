@@ -15,7 +15,8 @@ from vlmb.core.opcodes import Buffers, Tape, make_buffers
 from vlmb.core.quantities import Quantities, add_row, measure, measure_these
 from vlmb.core.row_arrays import ALONG as OF_CONTROL
 from vlmb.core.row_arrays import PROJECTED, PROJECTION, RowMemory, Rows, make_row_memory, sizes_of, view
-from vlmb.core.row_forces import add_row_powers, push_on, write_apart
+from vlmb.core.row_arrays import WORK as WORK_OF_ROW
+from vlmb.core.row_forces import add_row_powers, push_on, rate_alone, write_apart, write_still
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL, Scratch, make_scratch
 from vlmb.core.sliding import CARVES, FOUND, FRICTION, MASS, MU, PUSH, SAVED, SLIDES, choose, lift_of, weight_carried
@@ -31,7 +32,8 @@ ROW, COLUMN, DRIVE, DRIVE_WORK = range(4)
 # Entries of `size`
 # number of work states, which one holds what dampers lose (-1: none does), where the height of the centre of mass is among
 # quantities if there is friction under the ski (-1: none)
-WORKS, LOSS, CENTRE = range(3)
+# whether laws drive lengths, and a force or a control acts on a point, which such a length may carry along
+WORKS, LOSS, CENTRE, REACHES = range(4)
 
 # Columns of `watch`: what is watched and which one.
 FORM, WHICH = range(2)
@@ -58,7 +60,7 @@ class Plant(NamedTuple):
     springs: AngleSprings
     watch: Integers  # (e, 2) indicators of events
     bound: Array  # (e, 2)
-    size: Integers  # (3,)
+    size: Integers  # (4,)
     rows: Rows
     sliding: Array  # (4,) see sliding.py; empty without friction
 
@@ -130,6 +132,8 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
             code = meet_rows(plant, memory, y, dy)
             if code != 0:
                 return FROM_ROWS * SOURCES + code
+    if plant.size[REACHES] != 0:
+        push_driven(plant, memory, y)
     if plant.size[WORKS] > 0:
         return count_work(plant, memory, y, dy)
     return 0
@@ -304,6 +308,54 @@ def normal_force(plant: Plant, memory: Memory, y: Array, dy: Array) -> float:
     return total
 
 
+@kernel
+def push_driven(plant: Plant, memory: Memory, y: Array) -> None:
+    """Take what forces and controls at points do to driven lengths off the forces that these take; `measured` is overwritten."""
+    write_still(memory.rows, plant.tree, y)
+    for k in range(plant.driven.shape[0]):
+        total = 0.0
+        for j in range(plant.force.shape[0]):
+            if memory.values[j] != 0.0:
+                total += memory.values[j] * carried(plant, memory, k, plant.force[j, ALONG])
+        for j in range(controls_of(plant)):
+            total += control(plant, memory, j) * carried(plant, memory, k, along_control(plant, j))
+        memory.scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= total
+
+
+@kernel
+def carried(plant: Plant, memory: Memory, k: int, along: int) -> float:
+    """Return the rate of a quantity where driven length k alone grows by 1 m/s; after `write_still`."""
+    return rate_alone(
+        plant.quantities, along, plant.driven, k, plant.tree, memory.rows, memory.given, memory.reference, memory.measured
+    )
+
+
+@kernel
+def controls_of(plant: Plant) -> int:
+    """Return the number of controls of a programme."""
+    return sizes_of(plant.rows).controls if plant.rows.table.shape[0] > 0 else 0
+
+
+@kernel
+def along_control(plant: Plant, j: int) -> int:
+    """Return the quantity that a control acts along."""
+    sizes = sizes_of(plant.rows)
+    return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, OF_CONTROL]
+
+
+@kernel
+def work_of_control(plant: Plant, j: int) -> int:
+    """Return the work state of a control."""
+    sizes = sizes_of(plant.rows)
+    return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, WORK_OF_ROW]
+
+
+@kernel
+def control(plant: Plant, memory: Memory, j: int) -> float:
+    """Return a control of the last solution [N, N m]."""
+    return view(sizes_of(plant.rows), memory.rows).shares[j] * plant.rows.gains[plant.rows.gains.shape[0] - 1, j]
+
+
 @kernel(inline=True)
 def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Write the rates of the work states: power of each force and of each driven length, and what dampers lose [W]."""
@@ -331,6 +383,11 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         sizes = sizes_of(plant.rows)
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
+    for j in range(controls_of(plant) if plant.size[REACHES] != 0 else 0):
+        state = work_of_control(plant, j)
+        for k in range(plant.driven.shape[0]):
+            rate = memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + 1]
+            dy[work + state] += control(plant, memory, j) * carried(plant, memory, k, along_control(plant, j)) * rate
     if plant.size[LOSS] >= 0:
         dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0] + lost
     return 0

@@ -96,7 +96,8 @@ def sizes_of(rows: Rows) -> Sizes:
 def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: int) -> RowMemory:
     """Make the memory for rows of a mechanism with `size` numbers in its state."""
     if not len(rows.table):
-        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 6)))
+        state, given = (np.zeros((2, size)), np.zeros((links, 6))) if driven else (np.zeros((0, 1)), np.zeros((0, 6)))
+        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given)
     held, ideal, servo, second, controls = rows.table[0, : CONTROLS + 1].tolist()
     eliminated, beyond = held + ideal, servo + second
     whole = eliminated + beyond

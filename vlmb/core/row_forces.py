@@ -24,20 +24,35 @@ def write_apart(
 
     The derivative of a quantity is its rate where that length alone grows, by 1 m/s.
     """
-    still, growing, places = memory.state[STILL], memory.given, tree.shape[of.POSITIONS]
-    for j in range(still.shape[0]):
-        still[j] = y[j] if j < places else 0.0
+    write_still(memory, tree, y)
     for r in range(sizes.held, sizes.ideal):
         root = rows.table[0, FIRST] + r - sizes.held
         gradient(tape, buffers, root, False)
         for k in range(driven.shape[0]):
-            only(driven, k, given, growing)
             space.apart[r, k] = 0.0
             for j in range(tape.entering_ends[root, 0], tape.entering_ends[root, 1]):
                 leaf = tape.entering[j]
-                which = tape.leaf[leaf, 1]
-                code = measure(quantities, which, tree, still, growing, reference, measured)
-                space.apart[r, k] += buffers.adjoint[leaf] * (measured[which, 1] if code == FINE else NAN)
+                alone = rate_alone(quantities, tape.leaf[leaf, 1], driven, k, tree, memory, given, reference, measured)
+                space.apart[r, k] += buffers.adjoint[leaf] * alone
+
+
+@kernel
+def write_still(memory: RowMemory, tree: Tree, y: Array) -> None:
+    """Write the state with velocities 0 into memory.state."""
+    still, places = memory.state[STILL], tree.shape[of.POSITIONS]
+    for j in range(still.shape[0]):
+        still[j] = y[j] if j < places else 0.0
+
+
+@kernel
+def rate_alone(
+    quantities: Quantities, which: int, driven: Integers, k: int, tree: Tree, memory: RowMemory, given: Array,
+    reference: Array, measured: Array,
+) -> float:  # fmt: skip
+    """Return the rate of a quantity where driven length k alone grows by 1 m/s, after `write_still`; nan where it has none."""
+    only(driven, k, given, memory.given)
+    code = measure(quantities, which, tree, memory.state[STILL], memory.given, reference, measured)
+    return measured[which, 1] if code == FINE else NAN
 
 
 @kernel

@@ -35,6 +35,7 @@ from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.massless import SINGULAR, require_held
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
+from vlmb.system.point_forces import told
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
 
@@ -236,9 +237,14 @@ class Checked(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings, what is known of measured data, what was adjusted at the start, how a programme is stable."""
+        """Warnings, forces at points and springs, measured data, what was adjusted at the start, how a programme is stable."""
         data = (column.report for column in self.mechanism.signals.columns)
-        return (*self.mechanism.warnings, *data, *self.start.adjustments)
+        return (*self.mechanism.warnings, *self.acting, *data, *self.start.adjustments)
+
+    @property
+    def acting(self) -> tuple[str, ...]:
+        """Forces at points, springs between points, friction and drag, a sentence each."""
+        return tuple(told(self.mechanism, self.mechanism.postures(self.start.state)))
 
     @property
     def report(self) -> str:

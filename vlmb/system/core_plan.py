@@ -33,7 +33,7 @@ from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_
 from vlmb.system.friction import FRICTION_EVENTS
 from vlmb.system.point_forces import lengths_of, scene_forces, singular_lengths
 from vlmb.system.prescribed import Prescribed
-from vlmb.system.programme import ProgrammePlan, total_mass
+from vlmb.system.programme import ProgrammePlan, control_channels, total_mass
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
@@ -166,6 +166,8 @@ def make_core_plan(
     rows = no_rows() if watching else make_rows(mechanism, run, constraints, programme, table, len(roots), works)
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
+    pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
+    reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
     slides = scene.base.friction > 0.0 and not watching
     centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
     friction = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
@@ -181,8 +183,8 @@ def make_core_plan(
         parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
-        bound=np.array(bounds, float).reshape(-1, 2), size=np.array([len(works), works.get("dissipation", -1), centre], np.int64),
-        rows=rows, sliding=np.array(friction if centre >= 0 else ()),
+        bound=np.array(bounds, float).reshape(-1, 2), rows=rows, sliding=np.array(friction if centre >= 0 else ()),
+        size=np.array([len(works), works.get("dissipation", -1), centre, reaches], np.int64),
     )  # fmt: skip
     names = (*(("knife_edge",) if len(rows.table) and rows.table[0, HELD] else ()), *(constraints.texts if constraints else ()))
     return CorePlan(

@@ -178,6 +178,33 @@ def _place(mechanism: Mechanism, place: Place, seen: Postures) -> Array:
     return np.array(place, float)
 
 
+def told(mechanism: Mechanism, seen: Postures) -> list[str]:
+    """Say, a sentence each, which forces act at points, which springs between points and what a ski takes, in a posture."""
+    scene, found = mechanism.scene, list[str]()
+    for index, force in enumerate(scene.forces):
+        if force.at is not None and force.force is not None:
+            laws = ", ".join(f"{law:g}" if isinstance(law, float) else law for law in map(_short, force.force))
+            frame = "the surface frame" if force.frame == SURFACE else f"the frame of {force.frame}"
+            found.append(f"forces[{index}]: at {force.at}, ({laws}) N in {frame}")
+    for index, spring in enumerate(scene.springs):
+        first, second = (place if isinstance(place, str) else f"{list(map(float, place))} m" for place in spring.between)
+        keys = [f"{spring.stiffness:g} N/m", f"{spring.damping:g} N s/m" if spring.damping else "", f"rest {spring.rest:g} m"]
+        keys += ["a rope, which never pushes" if spring.tension_only else ""]
+        length = float(lengths_of(mechanism, index, seen))
+        found.append(f"springs[{index}]: {first} to {second}, {', '.join(filter(None, keys))}; {length:.4g} m at the start")
+    base = scene.base
+    if base.friction:
+        by = "the normal force" if base.friction_on == "normal" else "the resultant of normal and edge force"
+        found.append(f"base: Coulomb friction {base.friction:g} of {by}")
+    if base.drag:
+        found.append(f"base: drag {base.drag:g} kg/m by the velocity of {base.drag_at}")
+    return found
+
+
+def _short(law: float | str) -> float | str:
+    return float(law) if isinstance(law, (int, float)) else law if len(law) <= 60 else f"{law[:57]}..."
+
+
 def energy_of_springs(mechanism: Mechanism, seen: Postures) -> Array:
     """Return the energy (...) [J] of the springs between points."""
     total = np.zeros(np.shape(seen.heading))
