@@ -8,16 +8,17 @@ are then counted from it. Whether they may be is tried on the equations themselv
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import tree as columns
-from vlmb.errors import StudyError, VlmbError
+from vlmb.errors import StudyError
 from vlmb.model.names import DOT
 from vlmb.model.reading import read_along
+from vlmb.studies.symmetry import place_axes, symmetries, turned
 from vlmb.system import events
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
@@ -28,8 +29,6 @@ Array = NDArray[np.float64]
 
 STEEP = 0.25  # cos(psi) below which the direction's components are the coordinates
 UPRIGHT = 1e-3  # cos(psi) below which a link tells no azimuth that could be divided out
-ALIKE = 1e-9  # of the largest acceleration: by how much those of a moved state may differ
-TURN, SHIFT = 0.7, 1.3  # [rad, m] by which a state is moved to see whether that matters
 AT_SWITCH = 1e-9
 
 
@@ -61,7 +60,7 @@ class Chart:
         if like is None:
             self._refuse_switches()
         self.symmetric: tuple[bool, ...] = (
-            tuple(self._indifferent(what) for what in ("x", "y", "z", "turn")) if like is None else like.symmetric
+            symmetries(system, engine, self.origin, self.values, t) if like is None else like.symmetric
         )
         self.reference = self._reference_link() if self.symmetric[3] and self.layout.base != "ski" else -1
         self.positions = self._position_entries()
@@ -79,13 +78,6 @@ class Chart:
 
     # which numbers
 
-    def _place_axes(self) -> list[int]:
-        if self.layout.base == "ski":
-            return [0, 1]
-        if self.layout.base == "free":
-            return [0, 2] if self.layout.plane else [0, 1, 2]
-        return []
-
     @property
     def turning(self) -> bool:
         """Whether the heading, or the azimuth of a link, is divided out."""
@@ -93,7 +85,7 @@ class Chart:
 
     def _position_entries(self) -> list[Entry]:
         names = self.layout.names
-        found = [Entry("xyz"[k], "place", axis=k) for k in self._place_axes() if not self.symmetric[k]]
+        found = [Entry("xyz"[k], "place", axis=k) for k in place_axes(self.layout) if not self.symmetric[k]]
         if self.layout.base == "ski" and not self.turning:
             found.append(Entry("phi0", "heading"))
         for i, link in enumerate(self.layout.links):
@@ -122,7 +114,7 @@ class Chart:
                 found.append(Entry("sideways", "sideways"))
             found.append(Entry(f"phi0{DOT}", "heading"))
         else:
-            found += [Entry(f"{'xyz'[k]}{DOT}", "place", axis=k) for k in self._place_axes()]
+            found += [Entry(f"{'xyz'[k]}{DOT}", "place", axis=k) for k in place_axes(self.layout)]
         for entry in self._shape_of_all():
             found.append(entry._replace(name=f"{entry.name}{DOT}"))
         return found
@@ -154,7 +146,7 @@ class Chart:
             speeds = [rates["speed", -1, 0], *([rates["sideways", -1, 0]] if self.kind == columns.SLIDING else [])]
             y[w : w + len(speeds) + 1] = *speeds, rates["heading", -1, 0]
         elif self.layout.base == "free":
-            for k in self._place_axes():
+            for k in place_axes(self.layout):
                 y[k], y[w + k] = places.get(("place", -1, k), 0.0), rates["place", -1, k]
         for row, i in enumerate(self.arrays.order):
             at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
@@ -188,8 +180,8 @@ class Chart:
         """Return the core's state of numbers x with the place and the heading, or azimuth, of the chart's start."""
         y = self.state(x)
         if self.turning:
-            y = self._turned(y, self._turn_of(self.origin) - self._turn_of(y))
-        for k in self._place_axes():
+            y = turned(self.arrays, y, self._turn_of(self.origin) - self._turn_of(y))
+        for k in place_axes(self.layout):
             if self.symmetric[k]:
                 y[k] = self.origin[k]
         return y
@@ -197,7 +189,7 @@ class Chart:
     def numbers(self, y: Array) -> Array:
         """Return the numbers x (n,) of a core's state, counted from the heading, or the azimuth, that is divided out."""
         turn = self._turn_of(y) if self.turning else 0.0
-        y = self._turned(y, -turn)
+        y = turned(self.arrays, y, -turn)
         seen = self.system.core_plan.postures(np.array([self.t]), y[None])
         near = self.values.copy()
         for i in range(len(self.layout.links) if self.turning and not self.layout.plane else 0):
@@ -300,82 +292,6 @@ class Chart:
         d = self._core_direction(self.reference, y, y)[0]
         side = math.cos(self._elevation(self.reference)) < 0.0
         return math.atan2(d[1], d[0]) + math.pi * side
-
-    def _turned(self, y: Array, angle: float, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-        """Return a state moved as a whole: turned about the vertical through the origin, then shifted."""
-        y, w, c, s = np.array(y), self.first, math.cos(angle), math.sin(angle)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        if self.layout.base == "ski":
-            y[:2] = turn[:2, :2] @ y[:2] + np.array(shift[:2])
-            y[2] += angle
-        elif self.layout.base == "free":
-            y[:3] = turn @ y[:3] + np.array(shift)
-            y[w : w + 3] = turn @ y[w : w + 3]
-        for row in range(len(self.arrays.order) if not self.arrays.upright else 0):
-            at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
-            y[at : at + 3], y[w + at_rate : w + at_rate + 3] = turn @ y[at : at + 3], turn @ y[w + at_rate : w + at_rate + 3]
-        return y
-
-    def _indifferent(self, what: str) -> bool:
-        """Whether the equations of motion stay the same where a state is shifted along an axis, or turned about the vertical."""
-        if what != "turn" and "xyz".index(what) not in self._place_axes():
-            return False
-        if what == "turn" and (self.system.mechanism.scene.slope != 0.0 or (self.layout.plane and self.layout.base != "ski")):
-            return False
-        axis = "xyz".find(what)
-        shift = [SHIFT * (k == axis) for k in range(3)]
-        angle = TURN if what == "turn" else 0.0
-        tried = 0
-        for y in self._around():
-            moved = self._turned(y, angle, shift)
-            try:
-                here, there = self._evaluated(y, 0.0), self._evaluated(moved, angle)
-            except VlmbError:
-                continue
-            tried += 1
-            back = self._turned(there, -angle)
-            if self.layout.base == "ski":
-                back[2] = there[2]
-            if np.abs(back - here).max() > ALIKE * max(1.0, float(np.abs(here).max())):
-                return False
-            if self.system.constraints is not None and not self._rows_alike(y, moved):
-                return False
-        return tried > 0
-
-    def _evaluated(self, y: Array, turn: float) -> Array:
-        values = self.values.copy()
-        for at, c in enumerate(self.layout.coordinates):
-            values[at] += turn * (c.kind in ("phi0", "phi"))
-        self.engine.memory.reference[:] = self.system.core_plan.table.reference(values)
-        try:
-            dy = self.engine.evaluate(self.t, y)
-            dy[self.first + self.arrays.velocities :] = 0.0  # work along x is none along y
-            return dy
-        finally:
-            self.engine.memory.reference[:] = self.system.core_plan.table.reference(self.values)
-
-    def _rows_alike(self, y: Array, moved: Array) -> bool:
-        if not self.system.mechanism.scene.constraints:
-            return True
-        here, there = self.engine.rows(self.t, y), self.engine.rows(self.t, moved)
-        size = max(1.0, float(np.abs(here.z).max(initial=0.0)), float(np.abs(here.rate).max(initial=0.0)))
-        off = max(float(np.abs(here.z - there.z).max(initial=0.0)), float(np.abs(here.rate - there.rate).max(initial=0.0)))
-        return off <= ALIKE * size
-
-    def _around(self) -> list[Array]:
-        """States near the start of the chart: it, and two beside it."""
-        found, rng = [self.origin], np.random.default_rng(1)
-        for _ in range(2):
-            y = self.origin + 0.05 * rng.standard_normal(len(self.origin))
-            for row in range(len(self.arrays.order)):
-                at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
-                d, u = y[at : at + 3], y[self.first + at_rate : self.first + at_rate + 3]
-                if self.layout.plane:
-                    d[1] = u[1] = 0.0
-                d /= np.linalg.norm(d)
-                u -= (u @ d) * d
-            found.append(y)
-        return found
 
     def _refuse_switches(self) -> None:
         values = self.engine.indicators(self.t, self.origin)[0]

@@ -83,7 +83,8 @@ def linearize(
 
     Parameters
     ----------
-    coordinates, rates : of the state, over the scene's start
+    coordinates : of the state, over the scene's start
+    rates : the same
     controls : forces by name whose effect is B, added to whatever acts; default: those of the programme
 
     Raises SceneError for laws of time and unknown forces, StudyError on a switch, or where the equations are not smooth.
