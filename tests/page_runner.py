@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import vlmb
 from vlmb.cli import main
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -12,8 +12,9 @@ from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.scene.tables import Base, Column, Data, Force, Link, Programme, Rod, Run, Segment, Smoothing, Spring
+from vlmb.simulation.checking import check
 from vlmb.simulation.loading import load_trajectory
-from vlmb.simulation.simulate import check, simulate
+from vlmb.simulation.simulate import simulate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies.inverse import inverse
 

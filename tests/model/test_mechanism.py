@@ -16,7 +16,7 @@ import vlmb
 import vlmb.model.mechanism
 from tests.small_scenes import BENT, FIXED, FLYING, PIVOT, SKI, TIGHT, Table, bent, link, random_state, scene, table
 from vlmb.model.memory import make_data
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 
 BARE = {"tip_mass": None, "upper": None}
 

@@ -20,7 +20,7 @@ import vlmb
 from tests.small_scenes import FIXED, PIVOT, SKI, Table, link, scene, table, write_toml
 from vlmb.scene import scene as scene_module
 from vlmb.scene import tables
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 
 JARGON = ("$", "regex", "`object`", "`array`", "enum", "at `key`", "msgspec")
 

@@ -27,8 +27,9 @@ import vlmb
 from tests.interrupting import usual_signals
 from tests.simulation.test_events import MIDDLE, SWING, oscillator
 from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, bent, link, scene, table, write_toml
+from vlmb.simulation.checking import check
 from vlmb.simulation.methods import METHODS
-from vlmb.simulation.simulate import check, run_options
+from vlmb.simulation.simulate import run_options
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 

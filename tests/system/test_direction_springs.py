@@ -11,7 +11,7 @@ from scipy.integrate import simpson
 
 import vlmb
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, bent, link, scene
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 
 ENGINES = ["core", "pinocchio"]
 TOLERANCES = [1e-4, 1e-6, 1e-9, 1e-11]

@@ -15,7 +15,7 @@ from tests.small_scenes import BENT, FIXED, FLYING, MOVING, PIVOT, SKI, bent, li
 from vlmb.model.coordinates import kinematics
 from vlmb.model.memory import make_data
 from vlmb.model.names import generalized_forces
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.forces import ForceWriter, applied_forces
 from vlmb.system.frames import LinkFrames

@@ -17,7 +17,7 @@ from scipy.linalg import expm
 import vlmb
 from tests.reference import skier_reference
 from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, link, scene
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 from vlmb.system.gains import gain_matrices, largest_stable_step, perturbation_matrix
 from vlmb.system.programme import ProgrammeControl, cross
 from vlmb.system.system import Workspace, make_system

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 
 WHAT = "validate a scene without running it"
 

@@ -8,7 +8,7 @@ from vlmb.model.mechanism import build
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.simulation.simulate import Checked
+from vlmb.simulation.checking import Checked
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from vlmb.errors import VlmbError
 from vlmb.scene.scene import load_scene
+from vlmb.simulation.checking import check
 from vlmb.simulation.files import write_text
 from vlmb.simulation.loading import load_trajectory
-from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import view
 from vlmb.views.page import page

@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,8 +21,7 @@ from vlmb.errors import SceneError, VlmbError
 from vlmb.model.laws import law_breaks, law_jump
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import fits
-from vlmb.model.names import counted
-from vlmb.scene.scene import Scene, as_scene
+from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
@@ -32,12 +31,11 @@ from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
-from vlmb.system.massless import SINGULAR, require_held
+from vlmb.system.massless import require_held
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
-from vlmb.system.point_forces import told
 from vlmb.system.start import Start, consistent_start
-from vlmb.system.system import System, Workspace, make_system
+from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 LOG = logging.getLogger("vlmb")
@@ -45,7 +43,6 @@ LOG.addHandler(logging.NullHandler())  # silent unless a program asks for it
 
 MIN_SAMPLES, MAX_SAMPLES = 200, 10_000_000
 AT_REST, UNSTABLE = 1e-9, 1e-6  # [m/s^2, rad/s^2] accelerations of a balanced start; [1/s^2] growth that counts
-APART = 1e-6  # of the largest acceleration: what two engines may differ by, as differences of velocities tell
 NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
 
 
@@ -106,7 +103,7 @@ def simulate(
         return _simulated(mechanism, run, times, control, start, t0, progress, watch)
 
 
-def _start(system: System, t0: float = 0.0) -> Start:
+def start_of(system: System, t0: float = 0.0) -> Start:
     """Make a consistent start; what has no mass is held there."""
     start = consistent_start(system, t0)
     held = require_held(system, start, t0)
@@ -141,12 +138,12 @@ def run_system(
 ) -> Trajectory:  # fmt: skip
     """Simulate a system from its scene's start; `start` is what that was made from. The rest is as in `simulate`."""
     mechanism, run = system.mechanism, system.run
-    begin = _start(system, t0)
+    begin = start_of(system, t0)
     interrupts.answer()
     if control is not None:
         first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
-    breaks = _breaks(system, t0, t0 + run.duration)
+    breaks = breaks_of(system, t0, t0 + run.duration)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
         mover = make_engine(system, begin.branch, control)
@@ -217,96 +214,6 @@ def run_options(scene: Scene, **changes: Any) -> Run:
     return Scene.from_dict({**data, "run": {**data.get("run", {}), **given}}, "arguments").run
 
 
-class Checked(NamedTuple):
-    """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
-
-    mechanism: Mechanism
-    start: Start
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that was checked."""
-        return self.mechanism.scene
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
-        layout = self.mechanism.layout
-        prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in layout.links for at in (e.lower, e.upper))
-        return len(layout.names) - prescribed - (layout.base == "ski") - self.start.rank
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Warnings, forces at points and springs, measured data, what was adjusted at the start, how a programme is stable."""
-        data = (column.report for column in self.mechanism.signals.columns)
-        return (*self.mechanism.warnings, *self.acting, *data, *self.start.adjustments)
-
-    @property
-    def acting(self) -> tuple[str, ...]:
-        """Forces at points, springs between points, friction and drag, a sentence each."""
-        return tuple(told(self.mechanism, self.mechanism.postures(self.start.state)))
-
-    @property
-    def report(self) -> str:
-        """Coordinates and degrees of freedom in a line, then a line for each note."""
-        coordinates, free = len(self.mechanism.layout.names), self.degrees_of_freedom
-        counts = f"fine. {counted(coordinates, 'coordinate')}, {counted(free, 'degree')} of freedom"
-        return "\n".join([counts, *(f"  {note}" for note in self.notes)])
-
-    def __repr__(self) -> str:
-        return f"{self.scene.name}: {self.report}"
-
-
-def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
-    """Do everything that comes before a run; raise what a run would.
-
-    Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with
-    `degrees_of_freedom` and `notes`; one of these tells how a programme is stable and controllable.
-    """
-    scene = as_scene(scene)
-    mechanism = build(scene)
-    require_data(scene, 0.0, scene.run.duration)
-    system = make_system(mechanism)
-    start = _start(system)
-    _breaks(system, 0.0, scene.run.duration)
-    engine = make_engine(system, start.branch)
-    y, times = engine.pack(start.state), np.array([0.0, scene.run.duration])
-    engine.evaluate(0.0, y)
-    Loop(engine, scene.run, y, times, (), 0.0, longest_steps(scene, 0.0, scene.run.duration))  # refuses a start as a run does
-    if not fits(mechanism.model.nv):
-        return Checked(mechanism, start)
-    workspace = system.workspace(branch=start.branch)
-    workspace.rhs(0.0, workspace.pack(start.state))
-    if workspace.diagnostics.conditioning(start.state.q)[0] > SINGULAR:
-        raise workspace.diagnostics.singular(start.state.q)
-    notes = [_engines_agree(system, engine, workspace, start)] if isinstance(engine, CoreEngine) else []
-    programme = workspace.solver.programme
-    if programme is not None:
-        rank, condition = programme.rank(programme.control_matrix)
-        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-        notes.append(f"programme: {programme.report}; {controllable}")
-    return Checked(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))
-
-
-def _engines_agree(system: System, engine: CoreEngine, workspace: Workspace, start: Start) -> str:
-    """Compare the accelerations of both engines at the start, as the core's velocities have them: u', a', and the base's."""
-    layout, plan = system.mechanism.layout, system.core_plan
-    y = engine.pack(start.state)
-    core = engine.evaluate(0.0, y)[plan.positions : plan.positions + plan.velocities]
-    vdot = np.array(workspace.rhs(0.0, workspace.pack(start.state))[layout.nq : layout.nq + layout.nv])
-    step = 1e-6 * max(1.0, 1.0 / max(1.0, float(np.abs(vdot).max())))
-    sides = []
-    for sign in (1.0, -1.0):  # the velocities a little before and after, by Pinocchio's accelerations
-        v = start.state.v + sign * step * vdot
-        q = pin.integrate(system.mechanism.model, start.state.q, sign * step * (start.state.v + 0.5 * sign * step * vdot))
-        sides.append(plan.arrays.pack(q, v)[plan.positions :])
-    change = (sides[0] - sides[1]) / (2.0 * step)
-    off = float(np.abs(core - change).max()) / max(1.0, float(np.abs(core).max()))
-    if off > APART:
-        return f"the two engines differ at the start by {off:.1e} of the largest acceleration: please report this scene"
-    return f"both engines agree at the start (accelerations within {APART:g} of the largest)"
-
-
 def _balanced(system: System, engine: CoreEngine | PinocchioEngine, y: Array, start: Start) -> list[str]:
     """Say where a start rests in an unstable equilibrium: no answer there is better than rounding."""
     acting = system.forces.needed or system.prescribed or system.constraints is not None or system.knife_edge == "multiplier"
@@ -362,7 +269,7 @@ def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: fl
     return times
 
 
-def _breaks(system: System, t0: float, end: float) -> tuple[float, ...]:
+def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
     """Times in (t0, end) at which a law or a row is not smooth; SceneError where a given length jumps, or leaves its limits."""
     mechanism = system.mechanism
     breaks = system.breaks(t0, end)

@@ -212,8 +212,8 @@ class ConstraintSolver:
         empty = [k for k, (own, size) in enumerate(zip(diagonal, sizes, strict=True)) if own <= EMPTY * size]
         if empty:  # rows that act on prescribed accelerations alone
             if np.abs(right[empty, -1]).max() > 1e-6:
-                worst = [repr(self.names[k]) for k in empty]
-                raise SingularError(f"{', '.join(worst)} asks for what is known otherwise here: drop it")
+                asking = [repr(self.names[k]) for k in empty]
+                raise SingularError(f"{', '.join(asking)} asks for what is known otherwise here: drop it")
             matrix, right = matrix.copy(), right.copy()
             matrix[empty], matrix[:, empty], right[empty] = 0.0, 0.0, 0.0
             matrix[empty, empty] = 1.0

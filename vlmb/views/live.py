@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.scene.scene import Scene
-from vlmb.simulation.simulate import check, run_options
+from vlmb.simulation.checking import check
+from vlmb.simulation.simulate import run_options
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import facts, packed, page
 from vlmb.views.view import FPS, View, serve

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
-from vlmb.simulation.simulate import check
+from vlmb.simulation.checking import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.stills import still
 from vlmb.views.visual_model import Scenery, of_state, of_trajectory

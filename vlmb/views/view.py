@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism
+from vlmb.simulation.checking import check
 from vlmb.simulation.files import write_text
-from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import page
 from vlmb.views.stills import Shot, still
