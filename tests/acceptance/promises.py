@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 TITLES = {
-    "lines": "Ctrl-C at every line that a run goes through, each time that it does",
+    "lines": "Ctrl-C at a line of a run's code",
     "signals": "SIGINT or SIGTERM to a process at a random moment",
     "runs": "damaged or malicious stored runs",
     "scenes": "damaged or malicious scenes",

@@ -27,7 +27,7 @@ def test_counts_are_kept_beside_each_other(tmp_path: Path) -> None:
     keep(tmp_path, "lines", 5, {"kept": 5})
     text = (tmp_path / "promises.md").read_text(encoding="utf-8")
     assert text.splitlines()[2:] == [
-        "| Ctrl-C at every line that a run goes through, each time that it does | 5 | 5 kept |",
+        "| Ctrl-C at a line of a run's code | 5 | 5 kept |",
         "| damaged or malicious scenes | 3 | 2 refused, 1 read |",
     ]
 

@@ -140,3 +140,24 @@ def test_an_azimuth_that_is_given_through_the_pole_is_no_loss(row: str, lean: fl
     assert found.status == "finished", found.message
     out = math.cos(0.2) * found.position("q", "tip")[:, 0] + math.sin(0.2) * found.position("q", "tip")[:, 1]
     np.testing.assert_allclose(out, plane.position("q", "tip")[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"] if COMPILED else ["core"])
+@pytest.mark.parametrize("before", [-2e-2, -3e-3, -1e-4, 0.0, 1e-4, 3e-3])
+def test_a_break_of_a_law_within_a_passage_is_passed_or_named(before: float, engine: str) -> None:
+    """A moment on the first bar sets in while it passes the line-up: it has 5/3 kg m^2, the coupler among them."""
+    sets_in, moment, until = FIRST_LINE_UPS[0] + before, 2.0, 0.9
+    scene = windows(1, engine=engine, rtol=1e-9, atol=1e-10)
+    scene["forces"] = [{"on": "M_psi1", "law": f"where(t < {sets_in!r}, 0, {moment!r})"}]
+    found = vlmb.simulate(scene, until)
+    if found.status == "stopped":
+        assert "two motions meet" in found.message
+        assert abs(before) < 1e-3
+        return
+    at, pull = [0.5 * math.pi, -1.0], 2.0 * G / (5.0 / 3.0)
+    for begin, end, push in ((0.0, sets_in, 0.0), (sets_in, until, moment / (5.0 / 3.0))):
+        turned = solve_ivp(
+            lambda t, y, push=push: (y[1], -pull * np.cos(y[0]) + push), (begin, end), at, "DOP853", rtol=1e-13, atol=1e-13
+        )  # fmt: skip
+        at = turned.y[:, -1]
+    assert found["psi1"][-1] == pytest.approx(at[0], abs=1e-7)

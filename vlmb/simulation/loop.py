@@ -145,6 +145,11 @@ class Loop:
         inside = self.t if self.t in (self.start, end) or not self.breaks else self.t + INSIDE * abs(self.t)
         until = end if end == self.last else end - INSIDE * abs(end)
         begin(self.driver, min(inside, until), until)
+        if self.t != self.start and self._is_dependent():  # a break on the way through: the event itself has been
+            self.t = min(inside, until)
+            sentence = self._pass(until)
+            if sentence is not None:
+                return sentence
         while True:
             code = self._slice()
             if code == DONE:
@@ -267,6 +272,11 @@ class Loop:
         self.driver.point[self.engine.velocities.start] = 0.0
         self.engine.settle(self.t, self.driver.point)
         begin(self.driver, self.t, until)
+
+    def _is_dependent(self) -> bool:
+        """Whether ideal rows are worth less than what is to be looked at."""
+        at = self.engine.dependent
+        return at >= 0 and self.engine.indicators(self.t, self.driver.point)[0].item(at) < 0.0
 
     def _pass(self, until: float) -> str | None:
         """Go on through a posture in which ideal rows lose their independence; return a sentence where no one way is known."""

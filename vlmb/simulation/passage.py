@@ -33,6 +33,7 @@ PARTS = (1, 3, 9)  # odd: the middle of the middle part is the singular posture
 SPANS, LEFT = (1.0, 2.0, 4.0), 0.5  # of twice the way to the posture; what rows are worth at the end, of that at the start
 FINEST = 1e-10  # of a tolerance, what rounding leaves near the posture
 AGAIN = 0.8  # of what a row is worth: where it is looked at next
+NEARER = 0.1
 PROBE = 0.02  # of the time to the posture: how far ahead the rows are looked at
 ON_ROWS = 2e-16  # [m, rad, per s] of a residual: what is left is magnified by the third power of what the rows are worth
 
@@ -114,7 +115,9 @@ class Passing:
     def seek(self, driver: Driver, t: float, until: float) -> Passage | str | None:
         """Return a passage; None where the run goes on as it is; a sentence where no one way is known."""
         engine, y = self.engine, np.array(driver.point)
-        rate, bound = -float(driver.indicators[RATE, engine.dependent]), LOOKED_AT[self.closer]
+        rate = -float(driver.indicators[RATE, engine.dependent])
+        bound, worth = LOOKED_AT[self.closer], engine.rows(t, y).worth
+        bound = worth if worth < NEARER * bound else bound  # a break may have led nearer to the posture than was looked at
         ahead = time_to_dependence(engine, t, y, bound / rate) if rate > 0.0 else np.inf
         if ahead == np.inf:
             engine.look_at(AGAIN * engine.rows(t, y).worth)
@@ -123,7 +126,8 @@ class Passing:
         self.closer = 0 if found is not None else self.closer + 1
         if self.closer < len(LOOKED_AT):  # a motion that turns back near the posture comes to it again before it has left it
             left = engine.rows(t, y).worth if found is None else engine.rows(found.t, found.y).worth
-            engine.look_at(min(LOOKED_AT[self.closer], AGAIN * left))
+            cut = found is not None and found.t >= until  # by a break, from which the way is sought anew
+            engine.look_at(LOOKED_AT[0] if cut else min(LOOKED_AT[self.closer], AGAIN * left))
         if found is not None:
             driver.counts[EVALUATIONS] += found.evaluations
             driver.counts[STEPS] += len(found.parts)

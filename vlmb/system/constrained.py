@@ -236,9 +236,9 @@ class ConstraintSolver:
         self.worth, self.diagonal = math.sqrt(values[values > REPEATING * values[-1]][0]), diagonal
         error = np.abs(matrix @ answer - right)
         if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
-            worst = [int(k) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
-            steep = [not self.bounded[k] and sizes[k] > STEEP**2 for k in worst]
-            raise contradiction([self.names[k] for k in worst], steep)
+            astray = [int(k) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]
+            steep = [not self.bounded[k] and sizes[k] > STEEP**2 for k in astray]
+            raise contradiction([self.names[k] for k in astray], steep)
         return answer
 
 
