@@ -9,6 +9,7 @@ import numpy as np
 from vlmb.core import opcodes as op
 from vlmb.core import tree as of
 from vlmb.core.constraints import add_forces, constrain, project
+from vlmb.core.contacts import add_friction_powers
 from vlmb.core.jit import kernel
 from vlmb.core.links import accelerate
 from vlmb.core.opcodes import Buffers, Tape, make_buffers
@@ -38,7 +39,8 @@ FORM, WHICH = range(2)
 # a quantity against a bound; a switch of the tape; a spring's two directions; what the ideal rows are worth; none
 # GROWTH: the rate of a quantity
 # STANDS: the speed of a ski that slides; SLIPS: what friction could still hold; LIFTS: the normal force; YIELDS: 1 - mu |c|
-QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING, GROWTH, STANDS, SLIPS, LIFTS, YIELDS = range(10)
+# of a closed contact: its normal force, what friction could still hold, how fast it slides
+QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING, GROWTH, STANDS, SLIPS, LIFTS, YIELDS, HOLDS, GRIPS, STOPS = range(13)
 SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound); of a line-up the way that is watched
 
 # What may be wrong: a code is source * SOURCES + what the source says.
@@ -210,7 +212,7 @@ def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Add what rows and controls bring to the accelerations, and to the forces that driven lengths take; return a code."""
     rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
     near = memory.reference
-    code = constrain(rows, memory.rows, tape, memory.buffers, plant.quantities, tree, y, given, near, scratch, dy)
+    code = constrain(rows, memory.rows, tape, memory.buffers, plant.quantities, tree, y, given, near, scratch, memory.measured, dy)
     if code != 0 or plant.driven.shape[0] == 0:
         return code
     add_forces(rows, memory.rows, memory.force)
@@ -323,6 +325,8 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         sizes = sizes_of(plant.rows)
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
+        if sizes.sliding > 0:
+            add_friction_powers(plant.rows, sizes, space, memory.rows, work, dy)
     if plant.size[LOSS] >= 0:
         dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0] + lost
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
+from vlmb.core.contacts import add_friction_apart
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities, measure
@@ -38,6 +39,9 @@ def write_apart(
                 which = tape.leaf[leaf, 1]
                 code = measure(quantities, which, tree, still, growing, reference, measured)
                 space.apart[r, k] += buffers.adjoint[leaf] * (measured[which, 1] if code == FINE else NAN)
+    for k in range(driven.shape[0] if sizes.sliding > 0 else 0):
+        only(driven, k, given, growing)
+        add_friction_apart(rows, sizes, space, memory, k, quantities, tree, still, growing, reference, measured)
 
 
 @kernel
@@ -54,7 +58,7 @@ def push_on(sizes: Sizes, space: Space, k: int) -> float:
     """Return the force [N] of the ideal rows on driven length k."""
     force = 0.0
     for r in range(sizes.held, sizes.ideal):
-        force += space.shares[sizes.controls + r] * space.apart[r, k]
+        force += space.shares[sizes.controls + r] * space.pushes_apart[r, k]
     return force
 
 

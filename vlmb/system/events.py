@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP = range(7)  # kinds of events; QUIET never happens; GRIP: a ski stops, slips
+# kinds of events; QUIET never happens; GRIP: a ski stops, slips; CONTACT: one touches, opens, slips, sticks
+LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP, CONTACT = range(8)
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
+# names of the events of a contact; REARMS: one that was refused is outside again
+TOUCHES, OPENS, SLIPS, STICKS, REARMS = "touch", "open", "slip", "stick", "rearm"
 
 
 class Event(NamedTuple):
@@ -15,9 +18,9 @@ class Event(NamedTuple):
     direction: float
     name: str
     sentence: str
-    which: int = -1  # of a line-up: the spring between points whose ends meet
+    which: int = -1  # of a line-up: the spring between points whose ends meet; the contact
 
     @property
     def ends(self) -> bool:
-        """Whether it ends a run wherever it happens: a limit, or a fall."""
-        return self.kind in (LIMIT, FALL)
+        """Whether it ends a run, or a phase, wherever it happens: a limit, a fall, a contact's."""
+        return self.kind in (LIMIT, FALL, CONTACT)

@@ -25,6 +25,7 @@ from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import Diagnostics
@@ -70,6 +71,7 @@ class System:
     forces: AppliedForces
     constraints: ConstraintSet | None  # ideal rows, rows of the programme, secondary ones
     programme: ProgrammePlan | None
+    contacts: PhaseContacts | None = None  # of a phase
 
     def __repr__(self) -> str:
         parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
@@ -112,13 +114,31 @@ class System:
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
-        """Names of the work states: forces, ideal rows that work, and "dissipation"."""
+        """Names of the work states: forces, ideal rows that work, what contacts take, and "dissipation"; in a phase the run's."""
+        if self.contacts is not None:
+            return self.contacts.works
         names = [*(self.programme.names if self.programme else ())]
         names += [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
         names += [channel.name for channel in self.forces.named] + [at.force for at in self.prescribed]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
         dampers += [float(channel.kind == LOST) for channel in self.forces.channels] + [self.mechanism.scene.base.friction]
+        names += work_names_of(self.points)
         return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
+
+    @cached_property
+    def points(self) -> tuple[ContactPoint, ...]:
+        """The contacts of the scene."""
+        return contact_points(self.mechanism)
+
+    def phase(self, footings: Sequence[Footing], bare: bool = False) -> System:
+        """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
+        scene = self.mechanism.scene
+        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare))
+        kept = {name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")}
+        made.__dict__.update(kept)
+        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
+        system = make_system(made, self.run, None if bare else self.forces.inputs)
+        return dataclasses.replace(system, contacts=contacts)
 
     @property
     def size(self) -> int:
@@ -135,13 +155,15 @@ class System:
         """What the compiled core runs."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names,
-            self.constraints, self.programme,
+            self.constraints, self.programme, contacts=self.contacts,
         )  # fmt: skip
 
     @cached_property
     def watch_plan(self) -> CorePlan:
         """What the core looks for where Pinocchio moves."""
-        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True)
+        return make_core_plan(
+            self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True, contacts=self.contacts
+        )
 
     @cached_property
     def reads_angles(self) -> bool:
