@@ -48,7 +48,7 @@ from vlmb.simulation.methods import find_method
 from vlmb.simulation.passage import Passage, pass_through, time_to_dependence
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import DEPENDENT, FALL, GRIP, LINE_UP, SWITCH
+from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, LINE_UP, SWITCH, Event
 from vlmb.system.worth import LOOKED_AT
 
 Array = NDArray[np.float64]
@@ -92,6 +92,7 @@ class Loop:
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
+        self.hit: Event | None = None  # of a contact, that ended a phase
         self.closer = 0  # how near to a singular posture a way through is sought
         self.told = start  # time that progress was told last
         self.kept = len(times)  # samples, at most
@@ -126,11 +127,13 @@ class Loop:
         return Recorded(np.array(t), np.array(states))
 
     def run(self) -> tuple[str, str]:
-        """Go to the last sample; return a status and a sentence. What user code raises goes through."""
+        """Go to the last sample, or to the end of a phase; return a status and a sentence. What user code raises goes through."""
         try:
             self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
                 sentence = self._stretch(end)
+                if self.hit is not None:
+                    return "switched", ""
                 if sentence is not None:
                     return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
         except VlmbError as error:
@@ -233,7 +236,7 @@ class Loop:
         return None
 
     def _after_stop(self, until: float) -> str | None:
-        """Return the sentence of an event that ends the run; a switch only begins a new step."""
+        """Return the sentence of an event that ends the run, or a phase; a switch only begins a new step."""
         event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
@@ -251,6 +254,8 @@ class Loop:
             self._grip(until)
             return None
         self._end_here()
+        if event.kind == CONTACT:
+            self.hit = event
         if event.kind == FALL and self.t == self.start:
             return f"{event.sentence} as it starts; raise psi, or set run.fall = false to go on"
         return event.sentence

@@ -24,6 +24,8 @@ from vlmb.scene.scene import Scene, as_scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
+from vlmb.simulation.phases import PhasedRun
+from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
@@ -130,7 +132,12 @@ def _simulated(
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
         began, used = time.perf_counter(), time.thread_time()
-        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, math.inf if control is None else 1.0 / run.samples)
+        longest = math.inf if control is None else 1.0 / run.samples
+        loop: Loop | PhasedRun
+        if system.points:
+            loop = PhasedRun(system, run, y, times, breaks, t0, bounds, begin.branch, control, progress, longest)
+        else:
+            loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, longest)
         interrupts.answer()
 
         def trajectory(status: str, message: str) -> Trajectory:
@@ -141,7 +148,7 @@ def _simulated(
                 "steps": loop.steps,
                 "engine": mover.name,
             }
-            return _kept(lambda: Trajectory.from_run(system, mover, loop, begin, t0, status, message, stats))
+            return _kept(lambda: _trajectory(system, mover, loop, begin, t0, status, message, stats))
 
         try:
             status, message = loop.run()
@@ -150,6 +157,17 @@ def _simulated(
                 error.trajectory = trajectory("failed", loop.failed_by(error))  # type: ignore[attr-defined]
             raise
         return trajectory(status, message)
+
+
+def _trajectory(
+    system: System, mover: CoreEngine | PinocchioEngine, loop: Loop | PhasedRun, start: Start, t0: float, status: str,
+    message: str, stats: dict[str, Any],
+) -> Trajectory:  # fmt: skip
+    if isinstance(loop, Loop):
+        return Trajectory.from_run(system, mover.name, samples_of(mover, loop.recorded), start, t0, status, message, stats)
+    return Trajectory.from_run(
+        system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events)
+    )
 
 
 def _kept(make: Callable[[], Trajectory]) -> Trajectory:

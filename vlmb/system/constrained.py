@@ -7,6 +7,7 @@ M^-1 (b, J^T, B) by one Cholesky; what remains is as small as the number of rows
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 
@@ -21,6 +22,7 @@ from vlmb.system.constraints import ConstraintSet
 from vlmb.system.core_rows import gain_table
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
+from vlmb.system.slips import Slips
 
 Array = NDArray[np.float64]
 
@@ -40,11 +42,12 @@ class ConstraintSolver:
 
     def __init__(
         self, mechanism: Mechanism, frames: LinkFrames, rows: ConstraintSet | None, plan: ProgrammePlan | None,
-        held: bool, gain: float, prescribed_dofs: Sequence[int] = (),
+        held: bool, gain: float, prescribed_dofs: Sequence[int] = (), slips: Slips | None = None,
     ) -> None:  # fmt: skip
         scene, nv = mechanism.scene, mechanism.layout.nv
         self.frames, self.rows, self.held, self.gain = frames, rows, held, gain
         self.prescribed_dofs = list(prescribed_dofs)
+        self.slips = slips if slips is not None and slips.sliding else None
         self.ideal = len(scene.constraints)
         self.servo = len(scene.programme.constraints) if scene.programme else 0
         given = control_channels(mechanism)
@@ -112,7 +115,8 @@ class ConstraintSolver:
             wanted[0] = -self.gain * v.item(SIDEWAYS)
         if given is not None:
             wanted -= self.apart[n_controls + 1 :].dot(given)
-        _, answer, info = lapack.dposv(self.frames.data.M, self.right, 0, 1)  # M overwritten
+        right = self.right if self.slips is None else self._with_friction(self.slips, t, q, v, branch)
+        _, answer, info = lapack.dposv(self.frames.data.M, right, 0, 1)  # M overwritten
         if info:
             return None
         self.answers = answer.T[n_controls + 1 :]
@@ -128,6 +132,29 @@ class ConstraintSolver:
             shares[n_controls + 1 :] = solved[:, n_controls] - solved[:, :n_controls].dot(shares[:n_controls])
         result: Array = answer.dot(shares)
         return result
+
+    def _with_friction(self, slips: Slips, t: float, q: Array, v: Array, branch: Array) -> Array:
+        """Return the right sides with what sliding contacts push on, on accelerations that are free."""
+        right = self.right.copy()
+        for slide in slips.evaluate(self.frames, t, q, v, branch):
+            extra = slide.extra.copy()
+            extra[self.prescribed_dofs] = 0.0
+            right[:, self.n_controls + 1 + self.held + slide.row] += extra
+        return right
+
+    def friction(self) -> Array:
+        """Return the friction of sliding contacts (nv,) of the last solution."""
+        slides = self.slips.slides if self.slips is not None else ()
+        return sum((self.multipliers[self.held + slide.row] * slide.extra for slide in slides), np.zeros(len(self.load)))
+
+    def friction_powers(self) -> dict[str, float]:
+        """Return what friction takes, and what it carries along with moving surfaces, by work state [W]."""
+        found: dict[str, float] = {}
+        for slide in self.slips.slides if self.slips is not None else ():
+            force = slide.share * float(self.multipliers[self.held + slide.row])
+            found[f"friction {slide.name}"] = force * slide.speed
+            found[f"surface {slide.name}"] = force * slide.carried
+        return found
 
     def require_finite(self) -> None:
         """Raise SimulationError, SingularError naming the rows or the control without a finite value at the last solution."""
@@ -145,6 +172,8 @@ class ConstraintSolver:
     def on_prescribed(self) -> Array:
         """Return J^T lambda + B u (nv,) of the last solution on prescribed accelerations, 0 elsewhere."""
         both: Array = self.shares.dot(self.apart[: len(self.shares)])
+        if self.slips is not None:
+            both[self.prescribed_dofs] += self.friction()[self.prescribed_dofs]
         return both
 
     def powers(self, v: Array) -> Array:
@@ -174,6 +203,12 @@ class ConstraintSolver:
             matrix[empty], matrix[:, empty], right[empty] = 0.0, 0.0, 0.0
             matrix[empty, empty] = 1.0
             diagonal = matrix.diagonal().tolist()
+        if self.slips is not None:
+            self.worth = 1.0
+            with contextlib.suppress(np.linalg.LinAlgError):
+                solved: Array = np.linalg.solve(matrix, right)
+                if np.isfinite(solved).all():
+                    return solved
         factor, answer, info = lapack.dposv(matrix, right)
         pivots = factor.diagonal().tolist()
         self.worth = 1.0

@@ -47,6 +47,15 @@ class Footing(NamedTuple):
     towards: Vector = ZERO  # unit vector that it slides along
 
 
+class ContactLook(NamedTuple):
+    """What an engine sees of contacts at an instant."""
+
+    jets: Array  # (contacts, 4, 3) x, y, z of the point and the gap, each with two derivatives
+    multipliers: Array  # of the scene's own ideal rows, then of those of closed contacts
+    ways: Array  # (closed, 3) unit vectors that they slide along
+    rates: Array  # y'
+
+
 class Surface:
     """The surface of a contact by the point's place: value and gradient."""
 
@@ -129,7 +138,7 @@ class ContactPoint:
 
     def parameter(self, what: str) -> str:
         """Name a number of a phase as its equations do; no scene can have such a name."""
-        return f"_{what}{self.index}"
+        return f"phase.{what}{self.index}"
 
     def frame(self, t: float, place: Sequence[float], plane: bool) -> tuple[Array, float]:
         """Return unit vectors (3, 3) as rows, two across the surface, then its normal; and the size of its gradient.
@@ -279,6 +288,10 @@ class PhaseContacts:
             found += [parse(name or 0.0, "contacts") for name in point.names]
             found.append(parse(f"{gap_text(point)} - {point.parameter('gap')}", "contacts"))
         return found
+
+    def numbers(self) -> dict[str, float]:
+        """Return the parameters of their equations."""
+        return {name: value for pair in zip(self.points, self.footings, strict=True) for name, value in numbers_of(*pair).items()}
 
     def work_of(self) -> dict[str, str]:
         """Return the work state of each of these rows, by its text, where it may do work."""

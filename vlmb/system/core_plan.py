@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.contacts import CLOSED, OPEN, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
-from vlmb.system.core_rows import make_rows
+from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
     BOTH_WAYS,
     CONTACT,
@@ -81,6 +82,13 @@ class CorePlan:
         forces = listed([force.name for force in self.acting])
         sizes = f"{self.positions} positions, {self.velocities} velocities, {counted(len(self.events), 'event')}"
         return f"<CorePlan of {self.arrays.scene.name!r}: {sizes}; forces {forces or 'none'}>"
+
+    def placed(self, contacts: PhaseContacts) -> CorePlan:
+        """Return this plan with the contacts of its phase at other places."""
+        numbers = {**self.mechanism.scene.parameters, **contacts.numbers()}
+        parameters = np.array([float(numbers[name]) for name in self.table.parameters])
+        rows = self.plant.rows._replace(grip=grip_of(contacts))
+        return dataclasses.replace(self, plant=self.plant._replace(parameters=parameters, rows=rows), contacts=contacts)
 
     @cached_property
     def reads_angles(self) -> bool:

@@ -81,25 +81,31 @@ def make_rows(
     gains[: len(info), : 2 * len(info)] = np.hstack([h, k])
     numbers[0, COUPLED] = any(np.count_nonzero(matrix - np.diag(np.diag(matrix))) for matrix in (h, k))
     gains[-1, : len(acting) + 1] = *control_scales(mechanism, acting), run.gain
-    table_of, grip = _contacts(contacts, table, works, held)
-    numbers[0, SLIDING] = int(table_of[:, SLIDES].sum())
-    return Rows(numbers, gains, table_of, grip)
+    closed = _contacts(contacts, table, works, held)
+    numbers[0, SLIDING] = int(closed[:, SLIDES].sum())
+    return Rows(numbers, gains, closed, grip_of(contacts))
 
 
-def _contacts(
-    contacts: PhaseContacts | None, table: QuantityTable, works: Mapping[str, int], held: bool
-) -> tuple[NDArray[np.int64], Array]:
-    """Make the tables of closed contacts for the core: see vlmb/core/contacts.py."""
+def grip_of(contacts: PhaseContacts | None) -> Array:
+    """Return the numbers (closed, 9) of friction of closed contacts: see vlmb/core/contacts.py."""
     closed = [] if contacts is None else contacts.closed
-    found, grip = np.full((len(closed), 8), -1, np.int64), np.zeros((len(closed), 9))
+    grip = np.zeros((len(closed), 9))
+    for k, (point, footing, _, _) in enumerate(closed):
+        coefficient = point.coefficient if footing.state == SLIDING_STATE and point.contact.slips else 0.0
+        grip[k] = coefficient, min(point.at_rest, 1e300), *point.contact.surface_velocity, *footing.towards, all(point.names)
+    return grip
+
+
+def _contacts(contacts: PhaseContacts | None, table: QuantityTable, works: Mapping[str, int], held: bool) -> NDArray[np.int64]:
+    """Make the table of closed contacts for the core: see vlmb/core/contacts.py."""
+    closed = [] if contacts is None else contacts.closed
+    found = np.full((len(closed), 8), -1, np.int64)
     for k, (point, footing, at, count) in enumerate(closed):
         slides = footing.state == SLIDING_STATE and point.contact.slips
         found[k, [AT, COUNT, SLIDES]] = held + at, count, slides
         found[k, PLACE : PLACE + 3] = [table.of(table.names.find(name)) if name else -1 for name in point.names]
         found[k, HEAT], found[k, CARRIED] = (works.get(f"{what} {point.name}", -1) for what in ("friction", "surface"))
-        coefficient = point.coefficient if slides else 0.0
-        grip[k] = coefficient, min(point.at_rest, 1e300), *point.contact.surface_velocity, *footing.towards, all(point.names)
-    return found, grip
+    return found
 
 
 def solved_programme(rows: Rows, memory: RowMemory) -> tuple[Array, Array]:

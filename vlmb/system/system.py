@@ -36,6 +36,7 @@ from vlmb.system.gains import require_decay
 from vlmb.system.point_forces import is_named, outer_forces
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
+from vlmb.system.slips import Slips
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
 from vlmb.system.types import Rhs
 
@@ -129,6 +130,14 @@ class System:
     def points(self) -> tuple[ContactPoint, ...]:
         """The contacts of the scene."""
         return contact_points(self.mechanism)
+
+    def placed(self, footings: Sequence[Footing]) -> System:
+        """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""
+        assert self.contacts is not None
+        contacts, plan = dataclasses.replace(self.contacts, footings=tuple(footings)), self.core_plan
+        made = dataclasses.replace(self, contacts=contacts)
+        made.__dict__.update(core_plan=plan.placed(contacts), work_names=self.work_names)
+        return made
 
     def phase(self, footings: Sequence[Footing], bare: bool = False) -> System:
         """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
@@ -248,16 +257,18 @@ class Workspace:
         self.frames = LinkFrames(mechanism)
         self.applied = ForceWriter(mechanism, system.forces, self.frames, control)
         held = self.knife_edge in ("multiplier", "projection")
+        self.slips = None if system.contacts is None else Slips(mechanism, system.contacts)
         self.solver = ConstraintSolver(
-            mechanism, self.frames, system.constraints, system.programme, held, system.run.gain, system.prescribed_dofs
-        )
+            mechanism, self.frames, system.constraints, system.programme, held, system.run.gain, system.prescribed_dofs,
+            self.slips,
+        )  # fmt: skip
         self.springs = SegmentSprings(system.segments, self.nq)
         self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver)
         self._calls = [0]
         self._branch = np.zeros(len(self.layout.names)) if branch is None else np.array(branch, float)
         self._dense = Dense(
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
-            self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
+            self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics, system.contacts,
         )  # fmt: skip
         self.rhs: Rhs = self._dense.with_friction(self._dense.rhs(), self.unpack)
 
@@ -350,7 +361,7 @@ class Workspace:
             multipliers = solver.multipliers[solver.held :]
             shares = [self._per_angle(row) for row in system.info[: solver.ideal]]
             reactions |= dict(zip(texts, (multipliers * shares).tolist(), strict=False))
-            ideal = multipliers @ values.jacobian[: solver.ideal]
+            ideal = multipliers @ values.jacobian[: solver.ideal] + solver.friction()
         if solver.programme is not None:
             tau += solver.forces()
         missing = pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot) - tau - ideal
