@@ -88,7 +88,7 @@ class Loop:
         self.driver.point[:] = y
         for k, event in enumerate(engine.events):
             if event.ends:
-                self.driver.indicators[ZERO, k] = self.driver.indicators[ZERO_RATE, k] = UNDER
+                self.driver.indicators[ZERO, k], self.driver.indicators[ZERO_RATE, k] = event.slack, UNDER
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches

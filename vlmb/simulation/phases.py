@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
+from vlmb.model.frozen import read_only
 from vlmb.scene.contacts import condition_of
 from vlmb.scene.expressions import evaluate
 from vlmb.scene.names import listed
@@ -27,8 +28,10 @@ from vlmb.system.contacts import (
     AWAY,
     CLOSED,
     HELD,
+    LIGHT,
     OPEN,
     SLIDING,
+    STILL,
     ContactLook,
     ContactPoint,
     Footing,
@@ -37,7 +40,7 @@ from vlmb.system.contacts import (
 )
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
-from vlmb.system.events import OPENS, REARMS, SLIPS, STICKS, TOUCHES
+from vlmb.system.events import BOUNCES, OPENS, REARMS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.forces import Control, StateView
 from vlmb.system.pinocchio_engine import PinocchioEngine
@@ -48,10 +51,11 @@ Array = NDArray[np.float64]
 Engine = CoreEngine | PinocchioEngine
 
 NEAR, NEAR_AT_START = 1e-9, 1e-6  # [m] a gap that counts as none
-STILL = 1e-9  # [m/s] a speed that counts as none
-LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
 MANY, SPAN = 1000, 0.1  # more events within so many seconds end a run
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
+
+
+KINDS = (TOUCHES, OPENS, SLIPS, STICKS, BOUNCES)
 
 
 class Phase(NamedTuple):
@@ -284,13 +288,15 @@ class PhasedRun:
         y, frames = self.y, {k: self._frame(k) for k in near}
         found = self._probe(self.impulses, y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
-        strikes = [k for k in near if footings[k].state not in CLOSED and approach[k][-1] < (-STILL if hit is None else -1e-300)]
+        fired = -1 if hit is None or hit.name != TOUCHES else hit.which
+        strikes = [k for k in near if footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired)]
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
-        told: dict[str, Any] = {"impulses": {}, "lost": 0.0}
-        if strikes:
-            y, told, refusal = self._impact(found, taking, frames, approach)
+        told: dict[str, Any] = {}
+        if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
+            y, impact_told, refusal = self._impact(found, taking, frames, approach)
             if refusal:
                 return Outcome(footings, self.y, None, refusal)
+            told = impact_told if strikes else {}
             found = self._probe(self.impulses, y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         resting = [k for k in taking if approach[k][-1] <= STILL and k not in opening]
@@ -325,11 +331,11 @@ class PhasedRun:
         first = strikes[0] if hit is None else hit.which
         kind = TOUCHES if strikes else OPENS if hit is None else hit.name
         if strikes and all(after[k].state == OPEN for k in strikes):
-            kind = "bounce"
+            kind = BOUNCES
         if kind == STICKS and after[first].state == SLIDING:
             kind = SLIPS  # it turns back at once
         involved = [k for k in dict.fromkeys([first, *strikes, *changed])]
-        return Event(self.t, kind, self.points[first].name, tuple(self.points[k].name for k in involved), modes=mode, **told)
+        return Event(self.t, kind, self.points[first].name, tuple(self.points[k].name for k in involved), modes=MappingProxyType(mode), **told)
 
     def _impact(
         self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
@@ -341,8 +347,7 @@ class PhasedRun:
         shaped = []
         for k, (normal, across) in zip(taking, rows, strict=True):
             point = self.points[k]
-            grips = () if point.smooth else (Grip(across, point.at_rest, point.coefficient),)
-            shaped.append(Contact(normal, grips, point.contact.restitution))
+            shaped.append(Contact(normal, (Grip(across, point.at_rest, point.coefficient),), point.contact.restitution))
         answer = impact(matrix, v, shaped)
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
@@ -362,7 +367,7 @@ class PhasedRun:
                 force, jet = p[3 * k : 3 * k + 3], found.jets[k]
                 carried = jet[:3, 1] - frames[k].T @ before[k]
                 y[first + works.index(f"surface {self.points[k].name}")] += float(force @ carried)
-        named = {self.points[k].name: p[3 * k : 3 * k + 3] for k in taking if np.any(p[3 * k : 3 * k + 3])}
+        named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
         return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
 
     def _modes(
@@ -378,19 +383,17 @@ class PhasedRun:
         for k, (normal, across) in zip(resting, rows, strict=True):
             point, v = self.points[k], speeds[k][:-1]
             speed = float(np.linalg.norm(v))
-            grips: tuple[Grip, ...] = ()
-            if not point.smooth:
-                hold, sliding = point.at_rest, None
-                if speed > STILL and not point.rough:
-                    sliding = v / speed
-                elif k in leaving:
-                    friction, hold = leaving[k][: len(across)], 0.0
-                    if point.at_rest == point.coefficient:
-                        sliding = -friction / np.linalg.norm(friction)
-                if sliding is not None:
-                    known[k] = sliding
-                grips = (Grip(across, hold, point.coefficient, None if sliding is None else tuple(sliding.tolist())),)
-            shaped.append(Contact(normal, grips))
+            hold, sliding = point.at_rest, None
+            if speed > STILL and point.contact.slips:
+                sliding = v / speed
+            elif k in leaving:
+                friction, hold = leaving[k][: len(across)], 0.0
+                if point.at_rest == point.coefficient:  # else what pushes is new, and so is the direction
+                    sliding = -friction / np.linalg.norm(friction)
+            if sliding is not None:
+                known[k] = sliding
+            grip = Grip(across, hold, point.coefficient, None if sliding is None else tuple(sliding.tolist()))
+            shaped.append(Contact(normal, (grip,)))
         a = np.concatenate([self._local(found.jets[k], k, frames[k], 2) for k in resting])
         answer = modes(turn @ found.matrix @ turn.T, a, shaped)
         if isinstance(answer, Refusal):

@@ -34,10 +34,12 @@ from vlmb.simulation.histories import energies_along, forces_along, work_by_forc
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phase_forces import forces_in_phases
 from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
+from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
+from vlmb.system.contacts import work_names_of
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -190,16 +192,17 @@ class Trajectory(Remade, Displayed):
     def controls(self) -> Mapping[str, Array]:
         """Applied forces and the forces of prescribed segments by name, (N,) [N, N m]."""
         ideal = {row.text for row in self.system.info[: len(self.scene.constraints)]}
-        names = tuple(n for n in self.system.work_names if n != DAMPERS and n not in ideal)
+        ideal |= {DAMPERS, *work_names_of(self.system.points)}
+        names = tuple(n for n in self.system.work_names if n not in ideal)
         return Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """Reactions (N,): multipliers of ideal constraints by name or equation, and the forces of the snow on the ski.
+        """Reactions (N,), of contacts (N, 3): multipliers of ideal constraints by name or equation, and the forces of the snow on the ski.
 
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
-        the ski, where there is any. A multiplier is the force along the gradient of left side - right side.
+        the ski, where there is any. Of a contact it is the force (N, 3) on the mechanism in the surface frame. A multiplier is the force along the gradient of left side - right side.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction else ()
@@ -287,6 +290,8 @@ class Trajectory(Remade, Displayed):
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
             "engine": self.engine, "t0": self.t0, "doubts": self.doubts,
         }  # fmt: skip
+        if self.stretches:
+            note |= phases_as_data(self.stretches, self.events)
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def save_csv(self, path: str | Path) -> Path:

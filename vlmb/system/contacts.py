@@ -31,6 +31,8 @@ Vector = tuple[float, float, float]
 
 OPEN, AWAY, HELD, SLIDING = "open", "away", "held", "sliding"  # AWAY: open, and blind until its gap has been positive
 CLOSED = (HELD, SLIDING)
+STILL = 1e-9  # [m/s] a speed that counts as none
+LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
 ZERO: Vector = (0.0, 0.0, 0.0)
 PLAIN = {"x": 0, "y": 1, "z": 2}  # surfaces whose rows across are coordinates of the point
 

@@ -29,7 +29,7 @@ from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, OPEN, PhaseContacts
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
 from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
@@ -200,7 +200,8 @@ def make_core_plan(
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
     tape = compiled.tape
     if contacts is not None:
-        tape = _watch_contacts(contacts, compiled, seen, watch, bounds, events)
+        light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
+        tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
@@ -221,8 +222,8 @@ def make_core_plan(
 
 
 def _watch_contacts(
-    contacts: PhaseContacts, compiled: CompiledTape, seen: int, watch: list[tuple[int, int]], bounds: list[tuple[float, float]],
-    events: list[Event],
+    contacts: PhaseContacts, compiled: CompiledTape, seen: int, light: float, watch: list[tuple[int, int]],
+    bounds: list[tuple[float, float]], events: list[Event],
 ) -> op.Tape:  # fmt: skip
     """Add the indicators of contacts, and return the tape with their gaps among what is looked at after a step."""
     tape, closed = compiled.tape, 0
@@ -235,7 +236,7 @@ def _watch_contacts(
                 looks.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
             for form, kind in looks:
                 watch.append((form, closed))
-                events.append(Event(CONTACT, FALLING, kind, "", k))
+                events.append(Event(CONTACT, FALLING, kind, "", k, STILL if kind == STICKS else light))
             closed += 1
         else:
             armed = footing.state == OPEN

@@ -8,7 +8,7 @@ from typing import NamedTuple
 LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP, CONTACT = range(8)
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 # names of the events of a contact; REARMS: one that was refused is outside again
-TOUCHES, OPENS, SLIPS, STICKS, REARMS = "touch", "open", "slip", "stick", "rearm"
+TOUCHES, OPENS, SLIPS, STICKS, REARMS, BOUNCES = "touch", "open", "slip", "stick", "rearm", "bounce"
 
 
 class Event(NamedTuple):
@@ -19,6 +19,7 @@ class Event(NamedTuple):
     name: str
     sentence: str
     which: int = -1  # of a line-up: the spring between points whose ends meet; the contact
+    slack: float = 1e-12  # [m, N, m/s] what counts as 0 at a start, of one that ends a run or a phase
 
     @property
     def ends(self) -> bool:
