@@ -142,6 +142,7 @@ class PhasedRun:
         self.events: list[Event] = []
         self.parts: list[Samples] = []
         self.steps, self.evaluations, self.quiet = 0, 0, False
+        self.switched: list[tuple[float, str]] = []  # the last events of contacts, told or not
         self.known: dict[tuple[bool, float, bytes], Answers] = {}  # the last ones
         self.begun: tuple[Engine, Loop, tuple[Footing, ...]] | None = None  # the phase under way
         self.begins = self._at_start()
@@ -249,13 +250,15 @@ class PhasedRun:
     def _after(self, hit: Watched, mover: Engine, footings: tuple[Footing, ...]) -> Outcome:
         """Return what follows the event of a contact."""
         c = hit.which
+        self.switched = [*self.switched[1 - MANY :], (self.t, self.points[c].name)]
+        if len(self.switched) == MANY and self.t - self.switched[0][0] <= SPAN:
+            names = listed(sorted({name for _, name in self.switched}))
+            why = "they would never end; a restitution of 0 ends them"
+            return Outcome(footings, self.y, None, f"{MANY} events of contacts within {SPAN} s ({names}): {why}")
         if hit.name == REARMS:
             return Outcome(_with(footings, c, Footing()), self.y)
         if hit.name == TOUCHES and not self._allows(self.points[c], self.y):
             return Outcome(_with(footings, c, Footing(AWAY)), self.y)
-        sentence = self._too_many()
-        if sentence:
-            return Outcome(footings, self.y, None, sentence)
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
         jets = self._probe(self.impulses, self.y).jets
         near = [c]
@@ -269,13 +272,6 @@ class PhasedRun:
         elif hit.name == SLIPS:
             leaving[c] = forces[c][:2]
         return self._settled(hit, footings, sorted(set(near)), opening, leaving)
-
-    def _too_many(self) -> str:
-        times = [event.t for event in self.events[-MANY:]]
-        if len(times) < MANY or self.t - times[0] > SPAN:
-            return ""
-        names = listed(sorted({event.name for event in self.events[-MANY:]}))
-        return f"more than {MANY} events of contacts within {SPAN} s ({names}): they would never end; a restitution of 0 ends them"
 
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],

@@ -31,6 +31,7 @@ Vector = tuple[float, float, float]
 
 OPEN, AWAY, HELD, SLIDING = "open", "away", "held", "sliding"  # AWAY: open, and blind until its gap has been positive
 CLOSED = (HELD, SLIDING)
+UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
 STILL = 1e-9  # [m/s] a speed that counts as none
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
 ZERO: Vector = (0.0, 0.0, 0.0)

@@ -29,7 +29,7 @@ from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, PhaseContacts
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, UNDER, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
 from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
@@ -241,7 +241,8 @@ def _watch_contacts(
         else:
             armed = footing.state == OPEN
             watch.append((core.SWITCH, first + k))
-            events.append(Event(CONTACT, FALLING if armed else RISING, TOUCHES if armed else REARMS, "", k))
+            name = TOUCHES if armed else REARMS
+            events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, UNDER if armed else 0.0))
         bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
     return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(gaps, np.int64)]))
 
