@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import vlmb
+from tests.simulation.walkers import TIGHT, compass, simplest, wheel
 
 ENGINES = ["core", "pinocchio"]
-TIGHT = {"rtol": 1e-11, "atol": 1e-12}
 G = 9.81
 
 
@@ -134,3 +135,110 @@ def test_run_in_phases_is_saved_and_read(tmp_path):
     table = run.save_csv(tmp_path / "run.csv").read_text().splitlines()
     assert "contact:base.z [N]" in table[0] and len(table) == len(run) + 1
     assert "contact          base: force" in run.summary()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_compass_gait_keeps_its_steps(engine):
+    run = vlmb.simulate(compass(), engine=engine)
+    touches = of_kind(run, "touch")
+    assert np.diff([0.0, *(event.t for event in touches)]) == pytest.approx(np.full(9, 0.734346391159), abs=1e-10)
+    assert [event.lost for event in touches] == pytest.approx(np.full(9, 5.498121984723), abs=1e-9)
+    assert [event.name for event in touches[:2]] == ["r", "l"] and touches[0].contacts == ("r", "l")
+    assert run.phases[0].closed == ("l",) and run.phases[1].closed == ("r",) and balanced(run) and not run.doubts
+    run = vlmb.simulate(compass(rtol=1e-8, atol=1e-10), engine=engine)
+    assert np.diff([event.t for event in run.events]) == pytest.approx(np.full(8, 0.734346391159), abs=1e-6)
+
+
+def test_rimless_wheel_follows_its_map():
+    run = vlmb.simulate(wheel(duration=4.0))
+    alpha, mass_, inertia, speed = np.pi / 8, 1.08, 8 * 0.01 / 3, 1.2
+    share = (inertia + mass_ * np.cos(2 * alpha)) / (inertia + mass_)
+    assert len(run.events) == 4 and balanced(run)
+    for event in run.events:
+        after = np.flatnonzero(run.t == event.t)[-1]
+        speed = share * np.sqrt(speed**2 + 4 * mass_ * G * np.sin(alpha) * np.sin(0.08) / (inertia + mass_))
+        assert -run["psi1_dot"][after] == pytest.approx(speed, abs=1e-10)
+
+
+def test_simplest_walker_is_the_limit_of_light_feet():
+    times = [vlmb.simulate(simplest(beta)).events[0].t for beta in (1e-3, 1e-4, 1e-5)]
+    assert times == pytest.approx([3.90032, 3.88424, 3.88264], abs=5e-6)
+    errors = np.array(times) - 3.88246375285
+    assert errors[0] / errors[1] == pytest.approx(10.0, rel=0.01) and errors[1] / errors[2] == pytest.approx(10.0, rel=0.01)
+    assert (10.0 * times[2] - times[1]) / 9.0 == pytest.approx(3.88246375285, abs=1e-5)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_block_slides_in_space(engine):
+    slope, mu, start = 0.3, 0.2, {"x": 0.0, "y": 0.0, "z": 0.0, "x_dot": -1.0, "y_dot": 2.0}
+    run = vlmb.simulate(mass({"friction": mu}, start, duration=1.5, plane=False, slope=slope), engine=engine)
+    normal, along = G * np.cos(slope), G * np.sin(slope)
+
+    def rates(t, s):
+        speed = np.hypot(s[2], s[3])
+        return [s[2], s[3], along - mu * normal * s[2] / speed, -mu * normal * s[3] / speed]
+
+    exact = solve_ivp(rates, (0.0, 1.5), [0.0, 0.0, -1.0, 2.0], method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    assert [run[name][-1] for name in ("x", "y", "x_dot", "y_dot")] == pytest.approx(exact, abs=1e-9)
+    assert balanced(run) and run["z"] == pytest.approx(0.0, abs=1e-12)
+    flat = vlmb.simulate(mass({"friction": mu}, start, duration=1.5, plane=False), engine=engine)
+    assert flat.events[-1].kind == "stick" and flat.events[-1].t == pytest.approx(np.sqrt(5.0) / (mu * G), abs=1e-9)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_belt_takes_a_block_along(engine):
+    run = vlmb.simulate(mass({"friction": 0.3, "surface_velocity": [1.5, 0.0, 0.0]}, {"z": 0.0}, duration=1.0), engine=engine)
+    assert run.events[-1].kind == "stick" and run.events[-1].t == pytest.approx(1.5 / (0.3 * G), abs=1e-9)
+    assert run["x_dot"][-1] == pytest.approx(1.5, abs=1e-12) and balanced(run)
+    heat = -run.work_by_force["friction base"][-1]
+    assert heat == pytest.approx(0.5 * 1.5**2, rel=1e-9) and run.work_by_force["surface base"][-1] == pytest.approx(2 * heat)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("friction", [0.3, "rough"])
+def test_account_closes_with_a_driven_length(engine, friction):
+    scene = rod(
+        [{"point": "rod.tip", "friction": friction, "restitution": 0.3}], {"psi1": -1.2, "z": 1.4, "x_dot": 1.0}, duration=0.8
+    )
+    links = [{"name": "rod", "lower": {"motion": "prescribed", "law": "0.2 + 0.05*sin(9*t)"}, "rod": {"length": 1.0, "mass": 1.0}}]
+    run = vlmb.simulate(scene.changed(links=links, base={"kind": "free", "mass": 2.0}), engine=engine)
+    assert len(run.events) >= 2 and run["rod.tip.z"].min() > -1e-9
+    assert np.abs(run["balance"]).max() < 1e-8 and abs(run.work_by_force["F1_1"][-1]) > 0.01
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3])
+def test_two_feet_dropped_at_once_stay_alike(restitution):
+    leg = {"parent": "base", "rod": {"length": 1.0, "mass": 1.0}}
+    scene = vlmb.Scene.from_dict({
+        "plane": True, "base": {"kind": "free", "mass": 5.0}, "links": [{"name": "a", **leg}, {"name": "b", **leg}],
+        "contacts": [{"point": f"{name}.tip", "friction": 0.5, "restitution": restitution} for name in "ab"],
+        "forces": [{"between": ["a", "b"], "stiffness": 300.0, "damping": 3.0, "rest": 0.8}],
+        "start": {"z": 1.0, "psi1": -np.pi / 2 + 0.4, "psi2": -np.pi / 2 - 0.4}, "run": {**TIGHT, "duration": 0.8},
+    })
+    run = vlmb.simulate(scene)
+    assert set(run.events[0].contacts) == {"a.tip", "b.tip"}
+    assert run["psi1"] + np.pi / 2 == pytest.approx(-(run["psi2"] + np.pi / 2), abs=1e-9)
+    assert run["x"] == pytest.approx(0.0, abs=1e-9) and balanced(run) and run["a.tip.z"].min() > -1e-9
+
+
+def test_starts_and_scenes_that_cannot_be_are_named():
+    with pytest.raises(vlmb.SceneError, match="under the surface of contact 'base'"):
+        vlmb.simulate(mass({}, {"z": -0.1}))
+    with pytest.raises(vlmb.SceneError, match="no such link|unknown point"):
+        vlmb.simulate(mass({"point": "leg.tip"}, {"z": 1.0}))
+    with pytest.raises(vlmb.SceneError, match="one comparison"):
+        mass({"when": "x"}, {"z": 1.0})
+    with pytest.raises(vlmb.SceneError, match="names none of x, y, z"):
+        mass({"surface": "t"}, {"z": 1.0})
+    with pytest.raises(vlmb.SceneError, match="friction_static"):
+        mass({"friction": 0.3, "friction_static": 0.2}, {"z": 1.0})
+
+
+def test_curved_surface_carries_a_mass_that_slides_over_it():
+    """A mass slides without friction from near the top of a cylinder and leaves it at cos = 2/3."""
+    surface = "sqrt(x**2 + z**2) - 1"
+    start = {"x": np.sin(0.1), "z": np.cos(0.1)}
+    run = vlmb.simulate(mass({"friction": 0.0, "surface": surface}, start, duration=1.2))
+    leaves = of_kind(run, "open")[0]
+    at = np.flatnonzero(run.t == leaves.t)[0]
+    assert run["z"][at] == pytest.approx(2.0 / 3.0 * np.cos(0.1), abs=1e-9) and balanced(run)

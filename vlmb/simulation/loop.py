@@ -293,7 +293,7 @@ class Loop:
         driver.counts[EVALUATIONS] += found.evaluations
         driver.counts[STEPS] += len(found.parts)
         crossing = self._crossing(found)
-        self.t = found.t if crossing is None else crossing.t
+        self.t = float(found.t if crossing is None else crossing.t)
         for k in range(int(driver.counts[NEXT_SAMPLE]), len(driver.times)):
             if driver.times[k] > self.t:
                 break
