@@ -200,7 +200,8 @@ def test_account_closes_with_a_driven_length(engine, friction):
     scene = rod(
         [{"point": "rod.tip", "friction": friction, "restitution": 0.3}], {"psi1": -1.2, "z": 1.4, "x_dot": 1.0}, duration=0.8
     )
-    links = [{"name": "rod", "lower": {"motion": "prescribed", "law": "0.2 + 0.05*sin(9*t)"}, "rod": {"length": 1.0, "mass": 1.0}}]
+    lower = {"motion": "prescribed", "law": "0.2 + 0.05*sin(9*t)"}
+    links = [{"name": "rod", "lower": lower, "rod": {"length": 1.0, "mass": 1.0}}]
     run = vlmb.simulate(scene.changed(links=links, base={"kind": "free", "mass": 2.0}), engine=engine)
     assert len(run.events) >= 2 and run["rod.tip.z"].min() > -1e-9
     assert np.abs(run["balance"]).max() < 1e-8 and abs(run.work_by_force["F1_1"][-1]) > 0.01
@@ -224,7 +225,7 @@ def test_two_feet_dropped_at_once_stay_alike(restitution):
 def test_starts_and_scenes_that_cannot_be_are_named():
     with pytest.raises(vlmb.SceneError, match="under the surface of contact 'base'"):
         vlmb.simulate(mass({}, {"z": -0.1}))
-    with pytest.raises(vlmb.SceneError, match="no such link|unknown point"):
+    with pytest.raises(vlmb.SceneError, match="unknown point"):
         vlmb.simulate(mass({"point": "leg.tip"}, {"z": 1.0}))
     with pytest.raises(vlmb.SceneError, match="one comparison"):
         mass({"when": "x"}, {"z": 1.0})

@@ -9,9 +9,10 @@ import vlmb
 TIGHT = {"rtol": 1e-11, "atol": 1e-12}
 
 
-def compass(slope=np.radians(3.0), duration=7.2, **run):
+def compass(duration=7.2, **run):
     """Make the compass gait of Goswami, Thuilot and Espiau, after an impact; its left leg stands."""
     stance, swing, rate, other = 0.218668802939, -0.323388558059, -1.092383589884, -0.377373948907
+    slope = np.radians(3.0)
     a = stance + slope
     leg = {"parent": "base", "rod": {"length": 1.0, "mass": 5.0, "com": 0.5, "inertia": 0.0}}
     return vlmb.Scene.from_dict({

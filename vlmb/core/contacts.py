@@ -21,8 +21,9 @@ from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Integers, Tree
 from vlmb.core.triples import Vector, across, dot, plus, scaled
 
-# Columns of `contacts` of rows: the ideal row along the gradient, how many rows it has with those across, the quantities that are
-# the point's place (-1: none), work states of what friction takes and of what the moving surface gives (or -1), whether it slides.
+# Columns of `contacts` of rows: the ideal row along the gradient, how many rows it has with those across, the quantities that
+# are the point's place (-1: none), work states of what friction takes and of what a moving surface gives (or -1), whether it
+# slides.
 AT, COUNT, PLACE, HEAT, CARRIED, SLIDES = 0, 1, 2, 5, 6, 7
 # Columns of `grip`, and of `contacts` of a memory: coefficient while it slides and at rest, velocity of the surface [m/s], unit
 # vector that it slides along, whether it may slide any way (1) or to and fro (0); then, written by evaluations: |g|, the normal,

@@ -24,7 +24,8 @@ def surface_of(contact: Contact, parameters: Collection[str], key: str) -> Expre
     """Read a surface. Raises ExpressionError for other names than the point's x, y, z, the time and parameters."""
     surface = parse(contact.surface, f"{key}.surface", {*AXES, "t", *parameters})
     if not surface.names & set(AXES):
-        raise failure(f"{key}.surface", contact.surface, "names none of x, y, z", "it is 0 on the surface, positive outside: \"z\"")
+        advice = 'it is 0 on the surface, positive outside: "z"'
+        raise failure(f"{key}.surface", contact.surface, "names none of x, y, z", advice)
     return surface
 
 

@@ -64,7 +64,8 @@ def check_names(
         shown = f"contacts[{index}].name = {contact.name!r:.80}"
         if contact.name == contact.point:
             if any(other.name == contact.name for other in contacts[:index]):
-                raise SceneError(f"contacts[{index}].point = {contact.point!r:.80}: it has a contact already; give this one a name")
+                where = f"contacts[{index}].point = {contact.point!r:.80}"
+                raise SceneError(f"{where}: it has a contact already; give this one a name")
             continue
         if not re.fullmatch(NAME, contact.name) or len(contact.name) > MAX_NAME:
             raise SceneError(f"{shown}: {ALLOWED_NAME}")

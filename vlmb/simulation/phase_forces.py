@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
-from vlmb.simulation.histories import forces_along
-from vlmb.simulation.phases import Stretch
 from vlmb.model.reading import Postures
 from vlmb.scene.tables import BASE
+from vlmb.simulation.histories import forces_along
+from vlmb.simulation.phases import Stretch
 from vlmb.system.contacts import CLOSED, ContactPoint, row_texts
 from vlmb.system.slips import force_of
 from vlmb.system.system import System

@@ -127,7 +127,8 @@ class PhasedRun:
 
     def __init__(
         self, system: System, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
-        branch: Sequence[float], control: Control | None, progress: Callable[[float], None] | None = None, longest: float = np.inf,
+        branch: Sequence[float], control: Control | None, progress: Callable[[float], None] | None = None,
+        longest: float = np.inf,
     ) -> None:  # fmt: skip
         self.system, self.options, self.points, self.control = system, run, system.points, control
         self.t, self.y, self.branch = start, np.array(y), list(branch)
@@ -162,7 +163,8 @@ class PhasedRun:
             self._keep(told=True)
         single = all(len(part.branch) == 1 for part in self.parts)
         branches = self.parts[0].branch if single else np.vstack([self._branches(part) for part in self.parts])
-        return Samples(*(np.concatenate([part[k] for part in self.parts]) for k in range(3)), branches)
+        t, states, inputs = (np.concatenate([part[k] for part in self.parts]) for k in range(3))
+        return Samples(t, states, inputs, branches)
 
     def _branches(self, part: Samples) -> Array:
         if len(part.branch) > 1 or len(part.t) == 1:
@@ -242,7 +244,8 @@ class PhasedRun:
                     f"start: {point.contact.point} is {-gap:.3g} m under the surface of contact {point.name!r}; raise it, or "
                     "give the contact a `when`"
                 )
-            footings.append(Footing(AWAY if refused else OPEN, gap=min(float(jet[3, 0]), 0.0) if abs(gap) < NEAR_AT_START else 0.0))
+            left = min(float(jet[3, 0]), 0.0) if abs(gap) < NEAR_AT_START else 0.0
+            footings.append(Footing(AWAY if refused else OPEN, gap=left))
             if abs(gap) <= NEAR_AT_START and not refused:
                 near.append(point.index)
         return self._settled(None, tuple(footings), near, set(), {})
@@ -330,8 +333,8 @@ class PhasedRun:
             kind = BOUNCES
         if kind == STICKS and after[first].state == SLIDING:
             kind = SLIPS  # it turns back at once
-        involved = [k for k in dict.fromkeys([first, *strikes, *changed])]
-        return Event(self.t, kind, self.points[first].name, tuple(self.points[k].name for k in involved), modes=MappingProxyType(mode), **told)
+        involved = tuple(self.points[k].name for k in dict.fromkeys([first, *strikes, *changed]))
+        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), **told)
 
     def _impact(
         self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
@@ -417,16 +420,16 @@ class PhasedRun:
         point = self.points[taking[refusal.contact]]
         if refusal.why == "prescribed":
             return (
-                f"contact {point.name!r}: its point meets the surface with a speed that laws prescribe, and no impulse can stop it; "
-                "let the law end softly, or leave the length free"
+                f"contact {point.name!r}: its point meets the surface with a speed that laws prescribe, and no impulse can stop "
+                "it; let the law end softly, or leave the length free"
             )
         found, k = self._probe(self.impulses, self.y), taking[refusal.contact]
         x = found.jets[k, :3, 0]
         angle = self._angle_to(point)
         told = f" at {angle:.4g} rad" if angle is not None else ""
         return (
-            f"contact {point.name!r}{told}: with friction {point.coefficient:g} no {what} is admissible there (Painleve): friction "
-            f"would press the point into the surface at ({', '.join(f'{value:.4g}' for value in x)}) more than it is pushed out; "
+            f"contact {point.name!r}{told}: with friction {point.coefficient:g} no {what} is admissible there (Painleve): "
+            f"friction would press the point into the surface at ({', '.join(f'{value:.4g}' for value in x)}) more than it is pushed out; "
             "take a smaller friction"
         )
 

@@ -32,11 +32,11 @@ from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
 from vlmb.simulation.motion import Motion
+from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases
 from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
-from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
 from vlmb.system.contacts import work_names_of
@@ -198,11 +198,12 @@ class Trajectory(Remade, Displayed):
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """Reactions (N,), of contacts (N, 3): multipliers of ideal constraints by name or equation, and the forces of the snow on the ski.
+        """Reactions (N,): multipliers of ideal constraints by name or equation, and the forces of the snow on the ski.
 
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
-        the ski, where there is any. Of a contact it is the force (N, 3) on the mechanism in the surface frame. A multiplier is the force along the gradient of left side - right side.
+        the ski, where there is any. A multiplier is the force along the gradient of
+        left side - right side. Of a contact it is the force (N, 3) [N] on the mechanism in the surface frame.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction else ()

@@ -76,7 +76,7 @@ class Surface:
         self.buffers: Buffers = make_buffers(self.compiled.tape)
         prepare(self.compiled.tape, self.buffers, self.parameters)
 
-    def at(self, t: float, place: Sequence[float]) -> tuple[float, Array]:
+    def at(self, t: float, place: Sequence[float] | Array) -> tuple[float, Array]:
         """Return value and gradient (3,) at a time and a place [m]."""
         tape, slope, out = self.compiled.tape, np.zeros(3), np.zeros((1, 3))
         moving = float(self._rate(t, place, ZERO, out))
@@ -87,11 +87,11 @@ class Surface:
         del tape
         return float(out[0, 0]), slope
 
-    def moves(self, t: float, place: Sequence[float]) -> float:
+    def moves(self, t: float, place: Sequence[float] | Array) -> float:
         """Return the rate of the surface's value at a place that rests."""
         return self._rate(t, place, ZERO, np.zeros((1, 3)))
 
-    def _rate(self, t: float, place: Sequence[float], way: Sequence[float], out: Array) -> float:
+    def _rate(self, t: float, place: Sequence[float] | Array, way: Sequence[float], out: Array) -> float:
         measured = np.zeros((3, 3))
         measured[:, 0], measured[:, 1] = place, way
         read_leaves(self.compiled.tape, t, self.parameters, measured, self.buffers.slots)
@@ -143,7 +143,7 @@ class ContactPoint:
         """Name a number of a phase as its equations do; no scene can have such a name."""
         return f"phase.{what}{self.index}"
 
-    def frame(self, t: float, place: Sequence[float], plane: bool) -> tuple[Array, float]:
+    def frame(self, t: float, place: Sequence[float] | Array, plane: bool) -> tuple[Array, float]:
         """Return unit vectors (3, 3) as rows, two across the surface, then its normal; and the size of its gradient.
 
         In a plane the first is the one in it. Raises SceneError for a surface without a slope there.
@@ -207,7 +207,7 @@ def row_texts(point: ContactPoint, state: str) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def footing_at(point: ContactPoint, state: str, t: float, place: Sequence[float], plane: bool, **known: object) -> Footing:
+def footing_at(point: ContactPoint, state: str, t: float, place: Sequence[float] | Array, plane: bool, **known: object) -> Footing:
     """Return the footing of a contact that closes, or goes on, at a place [m]."""
     frame, _ = point.frame(t, place, plane)
     plain = PLAIN.get(point.contact.surface.strip())
@@ -274,7 +274,7 @@ class PhaseContacts:
 
     @property
     def closed(self) -> list[tuple[ContactPoint, Footing, int, int]]:
-        """List the closed contacts with the first of their rows, counted from that of the scene's own constraints, and how many."""
+        """List the closed contacts with the first of their rows, counted from the scene's own constraints on, and how many."""
         found, at = [], self.own
         for point, footing in zip(self.points, self.footings, strict=True):
             if footing.state in CLOSED:

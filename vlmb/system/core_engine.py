@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.calls import march, onto_edge, run
+from vlmb.core.calls import onto_edge, run
 from vlmb.core.constraints import SIDEWAYS
 from vlmb.core.contacts import ALONG
 from vlmb.core.driver import (
     ACCEPT,
-    AT_START,
     EVALUATE,
     FAILED,
     FAILURE,
@@ -20,8 +19,6 @@ from vlmb.core.driver import (
     GO,
     INDICATE,
     LOOK,
-    NEXT_SAMPLE,
-    PHASE,
     RATE,
     TIME,
     VALUE,
@@ -35,6 +32,7 @@ from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import read_along
+from vlmb.system.answering import march_answered
 from vlmb.system.contacts import ContactLook
 from vlmb.system.core_faults import fault
 from vlmb.system.core_plan import CorePlan
@@ -100,7 +98,7 @@ class CoreEngine:
             if self.plan.reads_angles and not len(self.memory.branches):
                 self.memory = self.memory._replace(branches=np.zeros((len(driver.times), *self.memory.reference.shape)))
             return run(self.plan.plant, self.memory, driver, bounds, h_max, GO)
-        return self._run_controlled(driver, bounds, h_max)
+        return march_answered(self, driver, bounds, h_max)
 
     def evaluate(self, t: float, y: Array) -> Array:
         """Return y' at (t, y). Raises what `fault` names."""
@@ -205,7 +203,7 @@ class CoreEngine:
         """Ask the control, once, for the forces (S,) that it gives at a state."""
         return list(self._ask(t, y)) if self.reader is not None else []
 
-    def hold_inputs(self, values: Sequence[float]) -> None:
+    def hold_inputs(self, values: Sequence[float] | Array) -> None:
         """Let forces from outside have these values (S,), where no control is asked for them."""
         self.memory.inputs[:] = values
 
@@ -275,34 +273,16 @@ class CoreEngine:
         """Make the error of an evaluation's code."""
         return fault(self.mechanism, self.plan, self.memory, code)
 
-    def _run_controlled(self, driver: Driver, bounds: Array, h_max: float) -> int:
-        """The same as the compiled run, with the control asked at every evaluation and once for every sample."""
-        plant, memory, counts, real = self.plan.plant, self.memory, driver.counts, driver.real
-        if counts[PHASE] == AT_START:
-            self.accept(float(real[TIME]), driver.point)
-        while True:
-            code = march(driver)
-            self._take_samples(driver)
-            if code == EVALUATE:
-                try:
-                    self._ask(float(real[TIME]), driver.point)
-                    run(plant, memory, driver, bounds, h_max, EVALUATE)
-                except VlmbError as error:
-                    self.errors.append(error)
-                    counts[FAILURE] = len(self.errors)
-            elif code == INDICATE:
-                self.errors.clear()
-                if run(plant, memory, driver, bounds, h_max, INDICATE) == FAILED:
-                    raise self.fault(FROM_SIDE * SOURCES)
-                self._follow(float(real[TIME]), driver.point)
-            else:
-                return int(code)
+    def answer(self, driver: Driver, bounds: Array, h_max: float) -> None:
+        """Write y' into `slope`, with the control asked before."""
+        self._ask(float(driver.real[TIME]), driver.point)
+        run(self.plan.plant, self.memory, driver, bounds, h_max, EVALUATE)
 
-    def _take_samples(self, driver: Driver) -> None:
-        """Ask the control, once, for the forces at each sample written since."""
-        while len(self.asked) < driver.counts[NEXT_SAMPLE]:
-            at = len(self.asked)
-            self.note(float(driver.times[at]), driver.samples[at])
+    def look(self, driver: Driver, bounds: Array, h_max: float) -> None:
+        """Write the indicators of an accepted step, and how long the next may be."""
+        if run(self.plan.plant, self.memory, driver, bounds, h_max, INDICATE) == FAILED:
+            raise self.fault(FROM_SIDE * SOURCES)
+        self._follow(float(driver.real[TIME]), driver.point)
 
     def _ask(self, t: float, y: Array) -> list[float]:
         assert self.reader is not None

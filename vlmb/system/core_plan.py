@@ -188,8 +188,6 @@ def make_core_plan(
     rows = no_rows() if watching else make_rows(mechanism, run, constraints, programme, table, len(roots), works, contacts)
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
-    if len(rows.table) and programme is not None and programme.free is not None:
-        roots.append(programme.free.expression)
     seen = len(roots)
     roots += [] if contacts is None else contacts.roots
     slides = scene.base.friction > 0.0 and not watching

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from vlmb.core.contacts import AT, CARRIED, COUNT, HEAT, PLACE, SLIDES
 from vlmb.core.row_arrays import (
     ALONG,
+    BEHIND,
+    BORDER,
+    COLUMN,
     CONTROLS,
     COUPLED,
     FIRST,
@@ -17,10 +20,13 @@ from vlmb.core.row_arrays import (
     FREE,
     HELD,
     IDEAL,
+    OF_ROW,
     PROJECTED,
+    ROOT,
     SECOND,
     SERVO,
     SLIDING,
+    VARYING,
     WORK,
     RowMemory,
     Rows,
@@ -34,6 +40,7 @@ from vlmb.scene.tables import Run
 from vlmb.system.constraints import Constraint, ConstraintSet
 from vlmb.system.contacts import SLIDING as SLIDING_STATE
 from vlmb.system.contacts import PhaseContacts
+from vlmb.system.gains import MovingGains
 from vlmb.system.programme import ProgrammePlan, control_channels, control_scales
 from vlmb.system.readings import form_of_row
 
@@ -51,11 +58,25 @@ def gain_table(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: in
     return h, k
 
 
+def moving_places(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: int) -> list[tuple[int, int]]:
+    """Return row and column in (H, K), over all rows, of the entries that the motion gives; (-1, control) of a weight."""
+    if plan is None:
+        return []
+    positions, found = [k for k, holonomic in enumerate(plan.holonomic.tolist()) if holonomic], []
+    for entry in plan.moving.entries:
+        if entry.kind == "weights":
+            found.append((-1, entry.column))
+        else:
+            column = positions[entry.column] if entry.kind == "h" else len(info) + entry.column
+            found.append((ideal + entry.row, ideal + column))
+    return found
+
+
 def make_rows(
     mechanism: Mechanism, run: Run, constraints: ConstraintSet | None, plan: ProgrammePlan | None, table: QuantityTable,
     first: int, works: Mapping[str, int], contacts: PhaseContacts | None = None,
 ) -> Rows:  # fmt: skip
-    """Make the rows of a scene for the core; `first` is the root of the tape of the first one, u0 has the one after the last.
+    """Make the rows of a scene for the core; `first` is the root of the tape of the first one, what varies is behind.
 
     works : work states by name
     """
@@ -65,17 +86,23 @@ def make_rows(
         return no_rows()
     ideal, servo = len(mechanism.scene.constraints), len(plan.texts) if plan is not None else 0
     acting = control_channels(mechanism)
-    numbers = np.full((1 + len(info) + len(acting), 10), -1, np.int64)
+    varying = moving_places(info, plan, ideal)
+    numbers = np.full((1 + len(info) + len(acting) + len(varying), 13), -1, np.int64)
     numbers[0, [HELD, IDEAL, SERVO, SECOND]] = held, ideal, servo, len(info) - ideal - servo
     numbers[0, [CONTROLS, FIRST, PROJECTED]] = len(acting), first, held and run.knife_edge == "projection"
-    if plan is not None and plan.free is not None:
-        numbers[0, FREE] = first + len(info)
+    behind, moving = first + len(info), MovingGains() if plan is None else plan.moving
+    numbers[0, [VARYING, BEHIND]] = len(varying), len(moving.laws)
+    if moving.free is not None:
+        numbers[0, [FREE, BORDER]] = behind, behind + 1 + len(varying)
     own = {} if contacts is None else contacts.work_of()
     for at, row in enumerate(info):
         numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
         numbers[1 + at, WORK] = works[own.get(row.text, row.text)] if at < ideal and row.working else -1
     for at, force in enumerate(acting):
         numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]
+    for at, place in enumerate(varying):
+        entry = 1 + len(info) + len(acting) + at
+        numbers[entry, [ROOT, OF_ROW, COLUMN]] = behind + moving.first_entry + at, *place
     gains = np.zeros((len(info) + 1, max(2 * len(info), len(acting) + 1)))
     h, k = gain_table(info, plan, ideal, run.gain)
     gains[: len(info), : 2 * len(info)] = np.hstack([h, k])

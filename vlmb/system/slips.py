@@ -59,7 +59,8 @@ class Slips:
             way = way_of(self.ways[k], moving, normal, all(point.names))
             self.last[k] = way
             share = -point.coefficient * size
-            self.slides.append(Slide(row, share * way[axes] @ lines, float(moving @ way), share, float(way @ surface), point.name))
+            extra, carried = share * way[axes] @ lines, float(way @ surface)
+            self.slides.append(Slide(row, extra, float(moving @ way), share, carried, point.name))
         return self.slides
 
     def keep(self) -> None:
