@@ -243,3 +243,20 @@ def test_curved_surface_carries_a_mass_that_slides_over_it():
     leaves = of_kind(run, "open")[0]
     at = np.flatnonzero(run.t == leaves.t)[0]
     assert run["z"][at] == pytest.approx(2.0 / 3.0 * np.cos(0.1), abs=1e-9) and balanced(run)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_until_ends_a_run(engine):
+    ball = mass({"friction": 0.3, "restitution": 0.5}, {"z": 1.0, "x_dot": 0.5}, duration=9.0)
+    run = vlmb.simulate(ball, engine=engine, until="touch base")
+    assert run.status == "stopped" and run.message.endswith("touch base.")
+    assert run.t[-2:] == pytest.approx([np.sqrt(2 / G)] * 2, abs=1e-11)
+    assert run["z_dot"][-1] == pytest.approx(0.5 * np.sqrt(2 * G))
+    apex = vlmb.simulate(ball, engine=engine, start=run.end, t0=run.end.time, until="z_dot")
+    assert apex["z"][-1] == pytest.approx(0.25, abs=1e-10) and apex["z_dot"][-1] == pytest.approx(0.0, abs=1e-10)
+    rest = vlmb.simulate(ball, engine=engine, until="stick base")
+    assert rest["x_dot"][-1] == pytest.approx(0.0, abs=1e-9) and rest.events[-1].kind in ("stick", "touch")
+    with pytest.raises(vlmb.SceneError, match="no contact 'foot'"):
+        vlmb.simulate(ball, until="touch foot")
+    with pytest.raises(vlmb.SceneError, match="no such event"):
+        vlmb.simulate(ball, until="tuch base")

@@ -120,6 +120,7 @@ class Outcome(NamedTuple):
     y: Array
     event: Event | None = None
     sentence: str = ""
+    happened: frozenset[str] = frozenset()  # as `until` has it: "touch left"
 
 
 class PhasedRun:
@@ -128,9 +129,10 @@ class PhasedRun:
     def __init__(
         self, system: System, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
         branch: Sequence[float], control: Control | None, progress: Callable[[float], None] | None = None,
-        longest: float = np.inf,
+        longest: float = np.inf, until: str = "",
     ) -> None:  # fmt: skip
         self.system, self.options, self.points, self.control = system, run, system.points, control
+        self.until = until
         self.t, self.y, self.branch = start, np.array(y), list(branch)
         self.times, self.breaks, self.bounds, self.tell, self.longest = times, breaks, bounds, progress, longest
         self.systems = PhaseSystems(system, system.engine)
@@ -184,15 +186,16 @@ class PhasedRun:
             if self.stretches and doubled:
                 rest = np.concatenate([[self.t], rest])
             if not len(rest):
-                return "finished", f"finished at t = {last:.6g} s."
+                return _finished(last)
             mover = self._mover(out.footings)
             breaks = [at for at in self.breaks if at > self.t]
             loop = Loop(mover, self.options, out.y, rest, breaks, self.t, self.bounds, self.tell, self.longest)
             self.begun = mover, loop, out.footings
-            if self.t >= last:
+            asked = self.until in out.happened
+            if self.t >= last or asked:
                 mover.note(self.t, out.y)
                 self._keep(told=True)
-                return "finished", f"finished at t = {last:.6g} s."
+                return ("stopped", f"stopped at t = {self.t:.6g} s: {self.until}.") if asked else _finished(last)
             status, message = loop.run()
             self.y = np.array(loop.driver.point)
             if status != "switched":
@@ -315,7 +318,17 @@ class PhasedRun:
                 way = ways.get(k, np.zeros(3))
                 after[k] = footing_at(point, state, self.t, place, self.plane, towards=tuple(map(float, way)))
         event = self._event(hit, footings, after, strikes, told)
-        return Outcome(tuple(after), y, event)
+        return Outcome(tuple(after), y, event, "", self._happened(footings, after, strikes))
+
+    def _happened(self, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]) -> frozenset[str]:
+        """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
+        found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
+        for point, one, other in zip(self.points, before, after, strict=True):
+            if one.state in CLOSED and other.state == OPEN:
+                found.add(f"{OPENS} {point.name}")
+            elif (one.state, other.state) in ((HELD, SLIDING), (SLIDING, HELD)):
+                found.add(f"{SLIPS if other.state == SLIDING else STICKS} {point.name}")
+        return frozenset(found)
 
     def _event(
         self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int],
@@ -429,8 +442,8 @@ class PhasedRun:
         told = f" at {angle:.4g} rad" if angle is not None else ""
         return (
             f"contact {point.name!r}{told}: with friction {point.coefficient:g} no {what} is admissible there (Painleve): "
-            f"friction would press the point into the surface at ({', '.join(f'{value:.4g}' for value in x)}) more than it is pushed out; "
-            "take a smaller friction"
+            f"friction would press the point into the surface at ({', '.join(f'{value:.4g}' for value in x)}) more than it is "
+            "pushed out; take a smaller friction"
         )
 
     def _angle_to(self, point: ContactPoint) -> float | None:
@@ -518,6 +531,10 @@ class PhasedRun:
             return True
         view = self._view(y)
         return evaluate(condition.expression, {name: view[name] for name in condition.expression.names}) > 0.0
+
+
+def _finished(last: float) -> tuple[str, str]:
+    return "finished", f"finished at t = {last:.6g} s."
 
 
 def _with(footings: tuple[Footing, ...], k: int, footing: Footing) -> tuple[Footing, ...]:

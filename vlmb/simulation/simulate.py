@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import inspect
 import math
 import time
@@ -27,6 +28,7 @@ from vlmb.simulation.loop import Loop
 from vlmb.simulation.phases import PhasedRun
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.simulation.until import read_until
 from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
@@ -62,6 +64,7 @@ def simulate(
     engine: str | None = None,
     max_step: float | None = None,
     progress: Callable[[float], None] | None = None,
+    until: str | None = None,
 ) -> Trajectory:
     """Simulate a scene; arguments override its `[run]`, None means what the scene says.
 
@@ -79,6 +82,8 @@ def simulate(
     engine : `auto`, `core` (compiled) or `pinocchio`
     max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
         cannot be looked at before, has one look in 1 / run.samples at least
+    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, or an
+        expression that falls through 0, "z_dot" at an apex
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
@@ -95,7 +100,7 @@ def simulate(
     )  # fmt: skip
     times = _sample_times(run, t_eval, t0)
     with interrupts.held():
-        return _simulated(mechanism, run, times, control, start, t0, progress)
+        return _simulated(mechanism, run, times, control, start, t0, progress, until)
 
 
 def _takes_two(function: Callable[..., Any]) -> bool:
@@ -111,13 +116,14 @@ def _takes_two(function: Callable[..., Any]) -> bool:
 
 def _simulated(
     mechanism: Mechanism, run: Run, times: Array, control: Control | None, start: End | Mapping[str, float] | None, t0: float,
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None] | None, until: str | None,
 ) -> Trajectory:  # fmt: skip
     """Simulate with checked options."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    system = make_system(mechanism, run)
+    asked, expression = read_until(mechanism, until)
+    system = dataclasses.replace(make_system(mechanism, run), until=expression)
     begin = consistent_start(system, t0)
     interrupts.answer()
     if control is not None:
@@ -135,7 +141,7 @@ def _simulated(
         longest = math.inf if control is None else 1.0 / run.samples
         loop: Loop | PhasedRun
         if system.points:
-            loop = PhasedRun(system, run, y, times, breaks, t0, bounds, begin.branch, control, progress, longest)
+            loop = PhasedRun(system, run, y, times, breaks, t0, bounds, begin.branch, control, progress, longest, asked)
         else:
             loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, longest)
         interrupts.answer()

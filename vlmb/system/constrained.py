@@ -224,9 +224,9 @@ class ConstraintSolver:
         if self.slips is not None:
             self.worth = 1.0
             with contextlib.suppress(np.linalg.LinAlgError):
-                solved: Array = np.linalg.solve(matrix, right)
+                solved = np.linalg.solve(matrix, right)
                 if np.isfinite(solved).all():
-                    return solved
+                    return np.asarray(solved, float)
         factor, answer, info = lapack.dposv(matrix, right)
         pivots = factor.diagonal().tolist()
         self.worth = 1.0

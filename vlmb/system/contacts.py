@@ -207,7 +207,7 @@ def row_texts(point: ContactPoint, state: str) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def footing_at(point: ContactPoint, state: str, t: float, place: Sequence[float] | Array, plane: bool, **known: object) -> Footing:
+def footing_at(point: ContactPoint, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO) -> Footing:
     """Return the footing of a contact that closes, or goes on, at a place [m]."""
     frame, _ = point.frame(t, place, plane)
     plain = PLAIN.get(point.contact.surface.strip())
@@ -216,7 +216,7 @@ def footing_at(point: ContactPoint, state: str, t: float, place: Sequence[float]
         if plane:
             frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
     x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
-    return Footing(state, x, first, second, t)._replace(**known)  # type: ignore[arg-type]
+    return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
 
 
 def numbers_of(point: ContactPoint, footing: Footing) -> dict[str, float]:

@@ -146,6 +146,7 @@ def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
     inputs: Sequence[str] | None, work_names: Sequence[str], constraints: ConstraintSet | None = None,
     programme: ProgrammePlan | None = None, watching: bool = False, contacts: PhaseContacts | None = None,
+    until: Expression | None = None,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
@@ -190,6 +191,7 @@ def make_core_plan(
         roots += constraints.roots
     seen = len(roots)
     roots += [] if contacts is None else contacts.roots
+    roots += [] if until is None else [until]
     slides = scene.base.friction > 0.0 and not watching
     centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
     friction = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
@@ -200,6 +202,11 @@ def make_core_plan(
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
         tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
+    if until is not None:
+        watch.append((core.SWITCH, len(tape.switch)))
+        bounds.append((1.0, 0.0))
+        events.append(Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0))
+        tape = _with_switches(tape, [len(roots) - 1])
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
@@ -226,7 +233,6 @@ def _watch_contacts(
     """Add the indicators of contacts, and return the tape with their gaps among what is looked at after a step."""
     tape, closed = compiled.tape, 0
     first = len(tape.switch)
-    gaps = [[tape.root[seen + 4 * k + 3], -1, op.EDGE, op.OF_STATE] for k in range(len(contacts.points))]
     for k, (point, footing) in enumerate(zip(contacts.points, contacts.footings, strict=True)):
         if footing.state in CLOSED:
             looks = [(core.HOLDS, OPENS)]
@@ -242,7 +248,13 @@ def _watch_contacts(
             name = TOUCHES if armed else REARMS
             events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, UNDER if armed else 0.0))
         bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
-    return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(gaps, np.int64)]))
+    return _with_switches(tape, [seen + 4 * k + 3 for k in range(len(contacts.points))])
+
+
+def _with_switches(tape: op.Tape, roots: Sequence[int]) -> op.Tape:
+    """Return a tape with more that is looked at after a step: the values of roots."""
+    more = [[int(tape.root[root]), -1, op.EDGE, op.OF_STATE] for root in roots]
+    return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(more, np.int64)]))
 
 
 def _owner(mechanism: Mechanism, coordinate: str) -> tuple[int, int]:

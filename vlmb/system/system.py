@@ -18,6 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST
+from vlmb.scene.expressions import Expression
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Run, Segment
@@ -72,6 +73,7 @@ class System:
     constraints: ConstraintSet | None  # ideal rows, rows of the programme, secondary ones
     programme: ProgrammePlan | None
     contacts: PhaseContacts | None = None  # of a phase
+    until: Expression | None = None  # a run ends where it falls through 0
 
     def __repr__(self) -> str:
         parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
@@ -146,7 +148,7 @@ class System:
         made.__dict__.update(kept)
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
         system = make_system(made, self.run, None if bare else self.forces.inputs)
-        return dataclasses.replace(system, contacts=contacts)
+        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until)
 
     @property
     def size(self) -> int:
@@ -163,15 +165,16 @@ class System:
         """What the compiled core runs."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names,
-            self.constraints, self.programme, contacts=self.contacts,
+            self.constraints, self.programme, contacts=self.contacts, until=self.until,
         )  # fmt: skip
 
     @cached_property
     def watch_plan(self) -> CorePlan:
         """What the core looks for where Pinocchio moves."""
         return make_core_plan(
-            self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True, contacts=self.contacts
-        )
+            self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True, contacts=self.contacts,
+            until=self.until,
+        )  # fmt: skip
 
     @cached_property
     def reads_angles(self) -> bool:
