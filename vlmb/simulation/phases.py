@@ -316,7 +316,7 @@ class PhasedRun:
                 after[k] = at
             else:
                 way = ways.get(k, np.zeros(3))
-                after[k] = footing_at(point, state, self.t, place, self.plane, towards=tuple(map(float, way)))
+                after[k] = footing_at(point, state, self.t, place, self.plane, towards=(float(way[0]), float(way[1]), float(way[2])))
         event = self._event(hit, footings, after, strikes, told)
         return Outcome(tuple(after), y, event, "", self._happened(footings, after, strikes))
 
