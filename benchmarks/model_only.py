@@ -20,8 +20,9 @@ import numba
 import numpy as np
 
 import vlmb
+from vlmb.core.evaluation import evaluate
 from vlmb.core.links import accelerate
-from vlmb.core.plant import Memory, Plant, evaluate
+from vlmb.core.plant import Memory, Plant
 from vlmb.model.mechanism import build
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine

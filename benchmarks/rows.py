@@ -34,7 +34,7 @@ def once():
 """
 NEW_EVALUATION = STATE + """
 import numba
-from vlmb.core.plant import evaluate
+from vlmb.core.evaluation import evaluate
 from vlmb.system.engines import make_engine
 from vlmb.system.system import make_system
 system = make_system(mechanism, **({{"knife_edge": form}} if form else {{}}))

@@ -11,7 +11,7 @@ from vlmb.model.display import Displayed
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.scene.tables import Base, Column, Data, Force, Link, Programme, Rod, Run, Segment, Smoothing, Spring
+from vlmb.scene.tables import Base, Column, Contact, Data, Force, Link, Programme, Rod, Run, Segment, Smoothing, Spring
 from vlmb.simulation.checking import check
 from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.simulate import simulate
@@ -21,6 +21,7 @@ from vlmb.studies.inverse import inverse
 __all__ = [
     "Base",
     "Column",
+    "Contact",
     "Data",
     "EquationsOfMotion",
     "ExpressionError",

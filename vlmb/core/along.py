@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from vlmb.core.angles import read_angles
 from vlmb.core.energy import energies
+from vlmb.core.evaluation import drive, evaluate
 from vlmb.core.jit import kernel
-from vlmb.core.plant import COLUMN, ROW, Memory, Plant, drive, evaluate
+from vlmb.core.plant import COLUMN, ROW, Memory, Plant
 from vlmb.core.scalars import atan2, cos, sin, wrapped
 from vlmb.core.scratch import AXIAL
 from vlmb.core.springs import follow_springs, springs_energy

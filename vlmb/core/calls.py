@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from vlmb.core import along, driver, plant, samples
+from vlmb.core import along, driver, evaluation, samples
 from vlmb.core import march as marching
 from vlmb.core import run as running
 
@@ -37,4 +37,4 @@ def direct(kernel: Function) -> Function:
 
 begin, resume, state_at = direct(driver.begin), direct(driver.resume), direct(samples.state_at)
 march, run = direct(marching.march), direct(running.run)
-onto_edge, energies_along = direct(plant.onto_edge), direct(along.energies_along)
+onto_edge, energies_along = direct(evaluation.onto_edge), direct(along.energies_along)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
-from vlmb.core.dense import cholesky, least_singular, least_squares, solve_cholesky
+from vlmb.core.contacts import write_pushes
+from vlmb.core.dense import cholesky, least_singular, least_squares, solve_cholesky, solve_square
 from vlmb.core.jit import kernel
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
@@ -58,7 +59,7 @@ MOST = 35
 @kernel(copied=True)
 def constrain(
     rows: Rows, memory: RowMemory, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array, given: Array,
-    reference: Array, scratch: Scratch, dy: Array,
+    reference: Array, scratch: Scratch, measured: Array, dy: Array,
 ) -> int:  # fmt: skip
     """Add to the accelerations in `dy`, where `accelerate` was last, what rows and controls bring; return a code.
 
@@ -73,6 +74,8 @@ def constrain(
         code = check_behind(rows, sizes, tape, buffers)
         if code != 0:
             return code
+    if sizes.sliding > 0:
+        write_pushes(rows, sizes, space, memory, tape, buffers, quantities, tree, y, given, reference, measured)
     write_wanted(rows, sizes, space, tape, buffers, tree, y)
     write_moved(sizes, space, tree, y, dy, scratch)
     if sizes.ideal > 0:
@@ -190,7 +193,7 @@ def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scr
     """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
     count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
     for k in range(count):
-        respond(tree, y, space.columns[k] if k < sizes.controls else space.lines[k - sizes.controls], space.answers[k], scratch)
+        respond(tree, y, space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls], space.answers[k], scratch)
         for j in range(turned.shape[0]):
             turned[j, k] = space.answers[k, j]
     for j in range(turned.shape[0]):
@@ -222,6 +225,12 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
         return EMPTY_ROWS * KIND + bits
     copy(square, e, e, space.first)
     space.state[WORTH] = 1.0
+    if sizes.sliding > 0:
+        copy(solved, e, s + 1, space.second)
+        if solve_square(space.first, e, solved, s + 1, REPEATED):
+            return 0
+        copy(space.second, e, s + 1, solved)
+        return solve_repeating(sizes, space)
     if cholesky(space.first, e, REPEATED):
         for i in range(e):
             space.state[WORTH] = min(space.state[WORTH], space.first[i, i] / sqrt(max(square[i, i], space.largest[i])))
@@ -322,7 +331,7 @@ def add_forces(rows: Rows, memory: RowMemory, force: Array) -> None:
     sizes = sizes_of(rows)
     space = view(sizes, memory)
     for k in range(sizes.controls + sizes.ideal):
-        line = space.columns[k] if k < sizes.controls else space.lines[k - sizes.controls]
+        line = space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls]
         for j in range(line.shape[0]):
             force[j] += space.shares[k] * line[j]
 

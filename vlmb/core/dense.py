@@ -88,6 +88,39 @@ def solve_upper(a: Array, n: int, x: Array) -> None:
         x[i] /= a[i, i]
 
 
+@kernel
+def solve_square(a: Array, n: int, b: Array, m: int, repeated: float) -> bool:
+    """Overwrite B (n, m) with A^-1 B, A (n, n), overwritten, by Gauss with row pivots.
+
+    False where a pivot is not above `repeated` times the largest entry of A.
+    """
+    bound = repeated * largest_entry(a, n, n)
+    for i in range(n):
+        best = i
+        for row in range(i + 1, n):
+            if abs(a[row, i]) > abs(a[best, i]):
+                best = row
+        if not abs(a[best, i]) > bound:
+            return False
+        if best != i:
+            for column in range(n):
+                a[i, column], a[best, column] = a[best, column], a[i, column]
+            for column in range(m):
+                b[i, column], b[best, column] = b[best, column], b[i, column]
+        for row in range(i + 1, n):
+            share = a[row, i] / a[i, i]
+            for column in range(i, n):
+                a[row, column] -= share * a[i, column]
+            for column in range(m):
+                b[row, column] -= share * b[i, column]
+    for column in range(m):
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                b[i, column] -= a[i, k] * b[k, column]
+            b[i, column] /= a[i, i]
+    return True
+
+
 # Of more columns than rows
 
 

@@ -15,8 +15,8 @@ from vlmb.core.tree import Array, Integers
 # Row 0 of `table`: how many rows the knife edge holds (0, 1), ideal ones, those of the programme, secondary ones, controls; the
 # root of the tape that the first row is, and that of u0 or -1; whether velocities are projected onto the knife edge; whether H or
 # K are not diagonal; how many gains and weights the motion gives; the root that the first entry of the border is, or -1; how many
-# roots stand behind those of the rows: u0, such gains and weights, the border by rows.
-HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED, VARYING, BORDER, BEHIND = range(12)
+# roots stand behind those of the rows: u0, such gains and weights, the border by rows; how many contacts slide with friction.
+HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED, VARYING, BORDER, BEHIND, SLIDING = range(13)
 # Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1, whether it has no bound, as an
 # azimuth's towards the pole; then one for each control; then one for each gain or weight that the motion gives.
 FORM, WORK, UNBOUNDED = range(3)
@@ -33,8 +33,10 @@ PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the k
 class Rows(NamedTuple):
     """Rows and controls of a scene, constant for a run; empty where it has none."""
 
-    table: Integers  # (1 + n + S + varying, 12)
+    table: Integers  # (1 + n + S + varying, 13)
     gains: Array  # (n + 1, 2 n or S + 1) H and K, 0 where they vary; then the scales of the controls, the knife edge's gain [1/s]
+    contacts: Integers  # (closed contacts, 8) see contacts.py
+    grip: Array  # (closed contacts, 9)
 
 
 class RowMemory(NamedTuple):
@@ -44,6 +46,7 @@ class RowMemory(NamedTuple):
     small: Array  # (any, any)
     state: Array  # (2, size of y) see PROJECTION
     given: Array  # (links, 6)
+    contacts: Array  # (closed contacts, 17) see contacts.py
 
 
 class Sizes(NamedTuple):
@@ -54,12 +57,14 @@ class Sizes(NamedTuple):
     servo: int
     beyond: int
     controls: int
+    sliding: int
 
 
 class Space(NamedTuple):
     """Parts of the memory; rows and columns beyond those named are room."""
 
     lines: Array  # (e + r, nv) J, W
+    pushes: Array  # (e, nv) what the multipliers push on: the rows themselves, but with friction where contacts slide
     columns: Array  # (S, nv) forces of the controls over their scales
     answers: Array  # (S + e, nv) M^-1 times columns and J^T
     force: Array  # (nv,)
@@ -70,6 +75,7 @@ class Space(NamedTuple):
     solved: Array  # (e, S + 1) its inverse times that of the controls, and times what is lacking
     matrix: Array  # (r, S) G of (5.6) in the scales of the controls
     apart: Array  # (e, driven lengths) rows over the rates of driven lengths
+    pushes_apart: Array  # (e, driven lengths) what the multipliers push on there
     wanted: Array  # (e + r,) what accelerations of the rows lack; beyond the eliminated ones beta of (5.6)
     shares: Array  # (S + e,) controls over their scales, multipliers
     errors: Array  # (e + r,) of rows that could not be met
@@ -82,7 +88,7 @@ class Space(NamedTuple):
 
 def no_rows() -> Rows:
     """Make what a scene without rows has."""
-    return Rows(np.zeros((0, 12), np.int64), np.zeros((0, 1)))
+    return Rows(np.zeros((0, 13), np.int64), np.zeros((0, 1)), np.zeros((0, 8), np.int64), np.zeros((0, 9)))
 
 
 @kernel(inline=True)
@@ -90,22 +96,24 @@ def sizes_of(rows: Rows) -> Sizes:
     """Read the numbers of rows and controls."""
     head = rows.table[0]
     beyond = head[SERVO] + head[SECOND]
-    return Sizes(head[HELD], head[HELD] + head[IDEAL], head[SERVO], beyond, head[CONTROLS])
+    return Sizes(head[HELD], head[HELD] + head[IDEAL], head[SERVO], beyond, head[CONTROLS], head[SLIDING])
 
 
 def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: int) -> RowMemory:
     """Make the memory for rows of a mechanism with `size` numbers in its state."""
     if not len(rows.table):
         state, given = (np.zeros((2, size)), np.zeros((links, 6))) if driven else (np.zeros((0, 1)), np.zeros((0, 6)))
-        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given)
+        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given, np.zeros((0, 17)))
     held, ideal, servo, second, controls = rows.table[0, : CONTROLS + 1].tolist()
     eliminated, beyond = held + ideal, servo + second
-    whole = eliminated + beyond
+    whole, more = eliminated + beyond, eliminated if rows.table[0, SLIDING] else 0
     width = max(whole, controls + eliminated + 1, driven, 8)
     height = velocities + whole - held + whole + 3 * eliminated + beyond + 5 + 3 * (whole + controls)
+    contacts = np.zeros((len(rows.contacts), 17))
+    contacts[:, : rows.grip.shape[1]] = rows.grip
     return RowMemory(
-        np.zeros((whole + 2 * controls + eliminated + 1, velocities)), np.zeros((height, width)), np.zeros((2, size)),
-        np.zeros((links, 6)),
+        np.zeros((whole + 2 * controls + eliminated + 1 + more, velocities)), np.zeros((height + more, width)),
+        np.zeros((2, size)), np.zeros((links, 6)), contacts,
     )  # fmt: skip
 
 
@@ -133,9 +141,12 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     first = vectors + 5
     second = first + b
     third = second + b
+    more = third + b
+    own, own_apart = (c + 1, more) if sizes.sliding > 0 else (0, apart)
     return Space(
-        lines[:a], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved], small[moved:square],
-        small[square:solved],
-        small[solved:matrix], small[matrix:apart], small[apart:vectors], small[vectors], small[vectors + 1],
-        small[vectors + 2], small[vectors + 3], small[vectors + 4], small[first:second], small[second:third], small[third:],
+        lines[:a], lines[own : own + e], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved],
+        small[moved:square], small[square:solved],
+        small[solved:matrix], small[matrix:apart], small[apart:vectors], small[own_apart : own_apart + e],
+        small[vectors], small[vectors + 1], small[vectors + 2], small[vectors + 3], small[vectors + 4], small[first:second],
+        small[second:third], small[third:more],
     )  # fmt: skip

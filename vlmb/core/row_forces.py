@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
+from vlmb.core.contacts import add_friction_apart
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities, measure
@@ -34,6 +35,11 @@ def write_apart(
                 leaf = tape.entering[j]
                 alone = rate_alone(quantities, tape.leaf[leaf, 1], driven, k, tree, memory, given, reference, measured)
                 space.apart[r, k] += buffers.adjoint[leaf] * alone
+    for k in range(driven.shape[0] if sizes.sliding > 0 else 0):
+        only(driven, k, given, memory.given)
+        add_friction_apart(
+            rows, sizes, space, memory, k, quantities, tree, memory.state[STILL], memory.given, reference, measured
+        )
 
 
 @kernel
@@ -69,7 +75,7 @@ def push_on(sizes: Sizes, space: Space, k: int) -> float:
     """Return the force [N] of the ideal rows on driven length k."""
     force = 0.0
     for r in range(sizes.held, sizes.ideal):
-        force += space.shares[sizes.controls + r] * space.apart[r, k]
+        force += space.shares[sizes.controls + r] * space.pushes_apart[r, k]
     return force
 
 

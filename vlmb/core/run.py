@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from vlmb.core import tree as of
+from vlmb.core.contacts import MU_AT_REST, held_by, keep_ways, sliding_speed
 from vlmb.core.driver import (
     ACCEPT,
     AT_START,
@@ -23,6 +24,7 @@ from vlmb.core.driver import (
     VALUE,
     Driver,
 )  # fmt: skip
+from vlmb.core.evaluation import drive, evaluate
 from vlmb.core.jit import kernel
 from vlmb.core.march import march_here
 from vlmb.core.places import link_direction
@@ -31,7 +33,9 @@ from vlmb.core.plant import (
     CENTRE,
     FORM,
     FROM_SIDE,
+    GRIPS,
     GROWTH,
+    HOLDS,
     LIFTS,
     LINE_UP,
     NOTHING,
@@ -40,14 +44,13 @@ from vlmb.core.plant import (
     SLIPS,
     SOURCES,
     STANDS,
+    STOPS,
     SWITCH,
     WHICH,
     WORTH_OF_ROWS,
     YIELDS,
     Memory,
     Plant,
-    drive,
-    evaluate,
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
 from vlmb.core.row_arrays import SIDE as DET_SIDE
@@ -105,6 +108,8 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
                     real[H_MAX] = min(real[H_MAX], note_worth(plant.rows, memory.rows, real[TIME]))
             if code != ACCEPT:
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
+            if code == INDICATE and plant.rows.contacts.shape[0] > 0:
+                keep_ways(plant.rows, memory.rows)
         elif code != GO:
             return code
         if wanted != GO:
@@ -246,6 +251,18 @@ def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k:
 
 
 @kernel
+def look_at_contact(plant: Plant, memory: Memory, form: int, c: int, y: Array) -> float:
+    """Return an indicator of a closed contact, as the last evaluation has it; the tape has been played for jets there."""
+    if form == STOPS:
+        return sliding_speed(
+            plant.rows, memory.rows, c, plant.quantities, plant.tree, y, memory.given, memory.reference, memory.measured
+        )
+    sizes = sizes_of(plant.rows)
+    push, friction = held_by(plant.rows, sizes, view(sizes, memory.rows), plant.tape, memory.buffers, c)
+    return push if form == HOLDS else memory.rows.contacts[c, MU_AT_REST] * push - friction
+
+
+@kernel
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 
@@ -274,6 +291,10 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             out[VALUE, k], out[RATE, k] = memory.measured[which, 1], 0.0
         elif form in (STANDS, SLIPS, LIFTS, YIELDS):
             look_at_ski(plant, memory, form, y, dy, k, out)
+        elif form in (HOLDS, GRIPS, STOPS):
+            out[VALUE, k], out[RATE, k] = 1.0, 0.0
+            if plant.rows.contacts.shape[0] > 0:
+                out[VALUE, k] = look_at_contact(plant, memory, form, which, y)
         elif form == SWITCH:
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:

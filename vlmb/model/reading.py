@@ -39,6 +39,12 @@ class Postures:
                   self.direction_rates, self.lengths, self.length_rates)  # fmt: skip
         return Postures(self.scene, self.layout, *(entry[None] for entry in arrays))
 
+    def sample(self, at: int) -> Postures:
+        """Return one of many postures."""
+        arrays = (self.place, self.velocity_of_place, self.heading, self.turning, self.directions, self.direction_rates,
+                  self.lengths, self.length_rates)  # fmt: skip
+        return Postures(self.scene, self.layout, *(entry[at] for entry in arrays))
+
     @property
     def speed(self) -> Array:
         """Velocity (...) [m/s] along the ski."""

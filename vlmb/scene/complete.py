@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from vlmb.errors import SceneError, nearest
+from vlmb.scene.contacts import check_contact
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
 from vlmb.scene.names import check_names, has_controls
@@ -38,8 +39,9 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
     if data.get("data"):
         data = {**data, "data": take_in(data["data"], Path())}
     tables, texts = _converted(_plain(dict(data), None))
-    tables = msgspec.structs.replace(tables, links=_named(tables.links))
-    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data])
+    contacts = tuple(msgspec.structs.replace(contact, name=contact.name or contact.point) for contact in tables.contacts)
+    tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts)
+    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts)
     _check_tree(tables.links)
     _check(tables, texts)
     return tables
@@ -191,8 +193,8 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         refuse("base", f"friction, width and length belong to kind = 'ski'; remove them from {base.kind!r}")
     elif base.inertia or base.com_offset or (base.mass and base.kind == "pivot"):
         refuse("base", f"inertia and com_offset belong to kind = 'ski', mass to 'ski' and 'free'; remove them from {base.kind!r}")
-    if base.kind != "ski" and not scene.links:
-        refuse("links", f"a {base.kind!r} base needs at least one link")
+    if not scene.links and (base.kind == "pivot" or (base.kind == "free" and not base.mass)):
+        refuse("links", f"a {base.kind!r} base needs at least one link{' or a mass' if base.kind == 'free' else ''}")
     by_name = {link.name: link for link in scene.links}
     for index, link in enumerate(scene.links):
         key = f"links[{index}]"
@@ -205,6 +207,8 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         _check_force(force, f"forces[{index}]", refuse)
     for index, spring in enumerate(scene.springs):
         _check_spring(spring, f"springs[{index}]", refuse)
+    for index, contact in enumerate(scene.contacts):
+        check_contact(scene, contact, f"contacts[{index}]", refuse)
 
 
 def _check_force(force: Force, key: str, refuse: Any) -> None:

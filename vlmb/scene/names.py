@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from vlmb.errors import SceneError
 from vlmb.scene.rows import SceneRows
-from vlmb.scene.tables import BASE, Link
+from vlmb.scene.tables import ALLOWED_NAME, BASE, MAX_NAME, NAME, Contact, Link
 
 SNOW = {"knife_edge": "N", "normal": "N", "roll_moment": "N m", "pitch_moment": "N m"}  # forces of the snow on a ski, and units
 ENERGIES = ("kinetic", "potential", "spring", "energy", "work", "dissipated", "balance")  # [J], of a run
@@ -40,7 +40,9 @@ def why_not(name: str) -> str:
     return f"{name} is {kind}, a result: laws and equations may not name forces, reactions or energies, which follow from them"
 
 
-def check_names(links: Iterable[Link], rows: SceneRows, data: Sequence[str] = ()) -> None:
+def check_names(
+    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = ()
+) -> None:
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 
     Rows without a name may repeat each other: they are the same equation.
@@ -58,6 +60,19 @@ def check_names(links: Iterable[Link], rows: SceneRows, data: Sequence[str] = ()
         take(link.name, f"links[{index}]", f"links[{index}].name = {link.name!r}")
     for index, name in enumerate(data):
         take(name, f"data[{index}]", f"data[{index}].name = {name!r}")
+    for index, contact in enumerate(contacts):
+        shown = f"contacts[{index}].name = {contact.name!r:.80}"
+        if contact.name == contact.point:
+            if any(other.name == contact.name for other in contacts[:index]):
+                where = f"contacts[{index}].point = {contact.point!r:.80}"
+                raise SceneError(f"{where}: it has a contact already; give this one a name")
+            continue
+        if not re.fullmatch(NAME, contact.name) or len(contact.name) > MAX_NAME:
+            raise SceneError(f"{shown}: {ALLOWED_NAME}")
+        kind = kind_of(contact.name)
+        if kind and contact.name not in RESERVED:
+            raise SceneError(f"{shown}: this name is that of {kind}; choose another")
+        take(contact.name, f"contacts[{index}]", shown)
     for row in (*rows.ideal, *rows.servo, *rows.secondary):
         if not row.named:
             continue

@@ -134,6 +134,24 @@ class Spring(Table, frozen=True, kw_only=True):
     tension_only: bool = False  # a rope: it pulls, and never pushes
 
 
+class Contact(Table, frozen=True, kw_only=True):
+    """A point that may touch a surface."""
+
+    point: str  # legs.tip; "base" is the first hinge of a free base
+    name: str = ""  # default: the point
+    surface: str = "z"  # 0 on it, positive outside; of the point's x, y, z, of t and parameters
+    surface_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
+    friction: NonNegative | Literal["rough"] = "rough"  # of Coulomb; rough never slips while it pushes
+    friction_static: NonNegative | None = None  # of a point that does not slip; default: friction
+    restitution: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    when: str = ""  # one comparison: it touches only where this is true at the crossing; default: always
+
+    @property
+    def slips(self) -> bool:
+        """Whether friction is finite and more than nothing, so that sliding takes energy."""
+        return self.friction not in ("rough", 0.0)
+
+
 class Programme(Table, frozen=True, kw_only=True):
     """Servo constraints and the controls that enforce them (paper, section 5)."""
 
@@ -212,5 +230,6 @@ class SceneTables(Table, frozen=True, kw_only=True):
     data: tuple[Data, ...] = ()
     springs: tuple[Spring, ...] = ()
     programme: Programme | None = None
+    contacts: tuple[Contact, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

@@ -51,7 +51,8 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
     """Yield time, coordinates, rates, energies, measured data, controls, reactions and residuals, in this order.
 
     Residuals are `residual:NAME` of a row's equation and `residual_dot:NAME` of its rate; they and the multipliers of rows have
-    the unit that the equation gives them, which is not known. `points` adds the points of all links
+    the unit that the equation gives them, which is not known. Forces of contacts are `contact:NAME.x`. `points`
+    adds the points of all links
     and the centre of mass, `hinges` the force and torque in each hinge (`hinge_force:legs.x`).
     """
     names = run.mechanism.names
@@ -66,6 +67,10 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
     for name, values in run.controls.items():
         yield Column(name, force_unit(name), values)
     for name, values in run.reactions.items():
+        if values.ndim == 2:  # of a contact
+            for axis, part in zip(AXES, values.T, strict=True):
+                yield Column(f"contact:{name}.{axis}", "N", part)
+            continue
         yield Column(name, SNOW.get(name, "N" if name == "friction" else ""), values)
     for name, residual in run.residuals.items():
         if residual.position is not None:

@@ -32,7 +32,8 @@ def doubts_of(system: System, motion: Motion, inputs: Array, energies: Mapping[s
     """Return every doubt about the samples of a run: inputs (N, S) are recorded forces from outside, energies (N,) by name."""
     run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
     found = of_energy(energies, run)
-    if inputs.shape[1] or any(law.names - own for law in system.forces.written):  # laws of time are looked through before a run
+    seen = inputs.shape[1] or any(law.names - own for law in system.forces.written)  # laws of time are looked through before
+    if seen and not system.points:  # forces of contacts jump
         names = system.forces.inputs or ()
         found += of_slopes(motion.t, *slopes_along(system, motion, inputs), run, dict(zip(names, inputs.T, strict=True)))
     held = held_along(system, motion)

@@ -15,6 +15,8 @@ from vlmb.model.mechanism import build
 from vlmb.scene.names import has_controls
 from vlmb.scene.scene import Scene
 from vlmb.simulation.motion import state_size, unit_directions
+from vlmb.simulation.phases import Event, Stretch
+from vlmb.simulation.phases_data import phases_from_data
 from vlmb.simulation.storage import Stored, reading
 from vlmb.simulation.trajectory import ARRAYS, STATUSES, Trajectory
 from vlmb.system.system import System, make_system
@@ -48,7 +50,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         t, states, inputs, branch = _arrays(path, stored, system, engine, t0, len(names))
         made = Trajectory(
             system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, _stats(path, note),
-            _versions(path, note), t0, doubts,
+            _versions(path, note), t0, doubts, *_phases(path, note, system, len(t)),
         )  # fmt: skip
         made.__dict__["system"] = system
         return made
@@ -62,7 +64,8 @@ def _arrays(
     if len(shape) != 1 or not 0 < shape[0] <= MAX_SAMPLES:
         raise TrajectoryError(f"{path}: t is damaged: shape {shape} where 1 to {MAX_SAMPLES} times belong")
     t = stored.read("t", shape)
-    if (np.diff(t) <= 0.0).any() or not t0 <= t[0]:
+    steps = np.diff(t)
+    if (steps < 0.0).any() or ((steps == 0.0).any() and not system.points) or not t0 <= t[0]:  # two at an event of a contact
         raise TrajectoryError(f"{path}: t is damaged: times must ascend from that of the start")
     layout = system.mechanism.layout
     if stored.note["format"] == 1:
@@ -75,6 +78,17 @@ def _arrays(
     asked, kept = ARRAYS["inputs"], ARRAYS["branch"]
     branches = 1 if stored.shape(kept)[:1] == (1,) else len(t)
     return t, states, stored.read(asked, (len(t), inputs)), stored.read(kept, (branches, len(layout.names)))
+
+
+def _phases(
+    path: str | Path, note: Mapping[str, Any], system: System, count: int
+) -> tuple[tuple[Stretch, ...], tuple[Event, ...]]:
+    if not system.points:
+        return (), ()
+    try:
+        return phases_from_data(note, [point.name for point in system.points], count)
+    except (KeyError, TypeError, ValueError) as error:
+        raise TrajectoryError(f"{path}: its note is damaged: phases ({type(error).__name__}: {error!s:.80})") from None
 
 
 def _one(path: str | Path, note: Mapping[str, Any], name: str) -> str:

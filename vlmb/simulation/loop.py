@@ -44,7 +44,7 @@ from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passing
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, SWITCH
+from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, SWITCH, Event
 
 Array = NDArray[np.float64]
 
@@ -82,10 +82,11 @@ class Loop:
         self.driver.point[:] = y
         for k, event in enumerate(engine.events):
             if event.ends:
-                self.driver.indicators[ZERO, k] = self.driver.indicators[ZERO_RATE, k] = UNDER
+                self.driver.indicators[ZERO, k], self.driver.indicators[ZERO_RATE, k] = event.slack, UNDER
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
+        self.hit: Event | None = None  # of a contact, that ended a phase
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
@@ -121,11 +122,13 @@ class Loop:
         return Recorded(np.array(t), np.array(states))
 
     def run(self) -> tuple[str, str]:
-        """Go to the last sample; return a status and a sentence. What user code raises goes through."""
+        """Go to the last sample, or to the end of a phase; return a status and a sentence. What user code raises goes through."""
         try:
             self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
                 sentence = self._stretch(end)
+                if self.hit is not None:
+                    return "switched", ""
                 if sentence is not None:
                     return "stopped", f"stopped at t = {self.t:.6g} s: {sentence}."
         except VlmbError as error:
@@ -245,7 +248,7 @@ class Loop:
             self.driver.real[TIME] = self.t
 
     def _after_stop(self, until: float) -> str | None:
-        """Return the sentence of an event that ends the run; a switch only begins a new step."""
+        """Return the sentence of an event that ends the run, or a phase; a switch only begins a new step."""
         event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
@@ -263,6 +266,8 @@ class Loop:
             self._grip(until)
             return None
         self._end_here()
+        if event.kind == CONTACT:
+            self.hit = event
         if event.kind == FALL and self.t == self.start:
             return f"{event.sentence} as it starts; raise psi, or set run.fall = false to go on"
         return event.sentence
@@ -288,7 +293,7 @@ class Loop:
             begin(driver, self.t, until)
             return None
         crossing = found.first_crossing(self.engine)
-        self.t = found.t if crossing is None else crossing.t
+        self.t = float(found.t if crossing is None else crossing.t)
         found.write(driver, self.t)
         if crossing is None:
             begin(driver, self.t, until)

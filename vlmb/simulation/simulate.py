@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import inspect
 import logging
 import math
@@ -26,7 +27,10 @@ from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.motion import Motion
+from vlmb.simulation.phases import PhasedRun
+from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.simulation.until import read_until
 from vlmb.system import interrupts
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
@@ -64,6 +68,7 @@ def simulate(
     max_step: float | None = None,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Array, Array, Array], None] | None = None,
+    until: str | None = None,
 ) -> Trajectory:
     """Simulate a scene; arguments override its `[run]`, None means what the scene says.
 
@@ -81,6 +86,8 @@ def simulate(
     engine : `auto`, `core` (compiled) or `pinocchio`
     max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
         cannot be looked at before, has one look in 1 / run.samples at least
+    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, or an
+        expression that falls through 0, "z_dot" at an apex
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
     watch : called while the run goes on with the samples since its last call: t (N,), Pinocchio's q (N, nq) and v (N, nv)
 
@@ -100,7 +107,7 @@ def simulate(
     )  # fmt: skip
     times = sample_times(run, t_eval, t0)
     with interrupts.held():
-        return _simulated(mechanism, run, times, control, start, t0, progress, watch)
+        return _simulated(mechanism, run, times, control, start, t0, progress, watch, until)
 
 
 def start_of(system: System, t0: float = 0.0) -> Start:
@@ -123,18 +130,20 @@ def _takes_two(function: Callable[..., Any]) -> bool:
 
 def _simulated(
     mechanism: Mechanism, run: Run, times: Array, control: Control | None, start: End | Mapping[str, float] | None, t0: float,
-    progress: Callable[[float], None] | None, watch: Callable[[Array, Array, Array], None] | None,
+    progress: Callable[[float], None] | None, watch: Callable[[Array, Array, Array], None] | None, until: str | None,
 ) -> Trajectory:  # fmt: skip
     """Simulate with checked options."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    return run_system(make_system(mechanism, run), times, control, start, t0, progress, watch)
+    asked, expression = read_until(mechanism, until)
+    system = dataclasses.replace(make_system(mechanism, run), until=expression)
+    return run_system(system, times, control, start, t0, progress, watch, asked)
 
 
 def run_system(
     system: System, times: Array, control: Control | None = None, start: End | Mapping[str, float] | None = None, t0: float = 0.0,
-    progress: Callable[[float], None] | None = None, watch: Callable[[Array, Array, Array], None] | None = None,
+    progress: Callable[[float], None] | None = None, watch: Callable[[Array, Array, Array], None] | None = None, asked: str = "",
 ) -> Trajectory:  # fmt: skip
     """Simulate a system from its scene's start; `start` is what that was made from. The rest is as in `simulate`."""
     mechanism, run = system.mechanism, system.run
@@ -158,7 +167,11 @@ def run_system(
             watch(t, *Motion(system, mover.name, t, mover.stored(t, states), np.array(begin.branch)).pinocchio)
 
         longest = math.inf if control is None else 1.0 / run.samples
-        loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, longest, hand if watch else None)
+        loop: Loop | PhasedRun
+        if system.points:
+            loop = PhasedRun(system, run, y, times, breaks, t0, bounds, begin.branch, control, progress, longest, asked)
+        else:
+            loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, longest, hand if watch else None)
         interrupts.answer()
         LOG.info("%s: begins: %s, engine %s, %g s from t = %g s", mechanism.scene.name, run.method, mover.name, run.duration, t0)
         for sentence in begin.adjustments:
@@ -172,7 +185,7 @@ def run_system(
                 "steps": loop.steps,
                 "engine": mover.name,
             }
-            return _kept(lambda: Trajectory.from_run(system, mover, loop, begin, t0, status, message, stats))
+            return _kept(lambda: _trajectory(system, mover, loop, begin, t0, status, message, stats))
 
         try:
             status, message = loop.run()
@@ -191,6 +204,17 @@ def _logged(trajectory: Trajectory) -> Trajectory:
     for doubt in trajectory.doubts:
         LOG.warning("%s: doubtful: %s", name, doubt)
     return trajectory
+
+
+def _trajectory(
+    system: System, mover: CoreEngine | PinocchioEngine, loop: Loop | PhasedRun, start: Start, t0: float, status: str,
+    message: str, stats: dict[str, Any],
+) -> Trajectory:  # fmt: skip
+    if isinstance(loop, Loop):
+        return Trajectory.from_run(system, mover.name, samples_of(mover, loop.recorded), start, t0, status, message, stats)
+    return Trajectory.from_run(
+        system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events)
+    )
 
 
 def _kept(make: Callable[[], Trajectory]) -> Trajectory:

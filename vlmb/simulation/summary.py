@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from vlmb.simulation.named import largest
 Array = NDArray[np.float64]
 
 ENDS = ("hinge", "rod_end", "tip")
+SHOWN = 4  # events of a contact
 UNDER = 1e-9  # [m] below the ground that counts
 
 
@@ -48,6 +49,8 @@ class Told(Protocol):
     def controls(self) -> Mapping[str, Array]: ...  # noqa: D102
     @property
     def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
+    @property
+    def events(self) -> Sequence[Any]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def power(self, name: str) -> Array: ...  # noqa: D102
 
@@ -83,6 +86,7 @@ def summarize(trajectory: Told, programme: str) -> str:
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
     lines += [f"  WARNING          {sentence}" for sentence in _off_the_ski(trajectory)]
+    lines += _contacts(trajectory)
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
@@ -94,10 +98,28 @@ def summarize(trajectory: Told, programme: str) -> str:
     return "\n".join(lines)
 
 
+def _contacts(trajectory: Told) -> list[str]:
+    """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
+    lines, events = [], trajectory.events
+    for contact in trajectory.scene.contacts:
+        own = [event for event in events if contact.name in event.contacts]
+        when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
+        when += f", ... ({len(own)})" if len(own) > SHOWN else ""
+        force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
+        impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
+        pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
+        lines.append(f"  contact          {contact.name}: {pushed}; {when}")
+    works = trajectory.work_by_force.items()
+    taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
+    if trajectory.scene.contacts:
+        lines.append(f"  lost             {', '.join(f'{name} {-work:.4g} J' for name, work in taken.items())}")
+    return lines
+
+
 def _through_the_ground(trajectory: Told) -> list[str]:
     """Say where a free base that starts above z = 0 takes a point below it: nothing stops it there."""
     scene = trajectory.scene
-    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall:
+    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts:
         return []
     heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
     above = min(float(values[0]) for values in heights.values())

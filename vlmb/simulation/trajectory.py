@@ -31,13 +31,15 @@ from vlmb.simulation.columns import columns, to_pandas, to_xarray
 from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
-from vlmb.simulation.loop import Loop
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
+from vlmb.simulation.phase_forces import forces_in_phases
+from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
+from vlmb.simulation.phases_data import phases_as_data
+from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
-from vlmb.system.core_engine import CoreEngine
-from vlmb.system.pinocchio_engine import PinocchioEngine
+from vlmb.system.contacts import work_names_of
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -71,6 +73,8 @@ class Trajectory(Remade, Displayed):
     versions: dict[str, str]
     t0: float = 0.0  # [s] of the start
     doubts: tuple[str, ...] = ()  # contradictions in what was recorded, in sentences
+    stretches: tuple[Stretch, ...] = ()  # how contacts stood in each phase, and which samples it has
+    events: tuple[Event, ...] = ()  # of contacts, in order
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -78,24 +82,22 @@ class Trajectory(Remade, Displayed):
 
     @staticmethod
     def from_run(
-        system: System, engine: CoreEngine | PinocchioEngine, loop: Loop, start: Start, t0: float, status: str, message: str,
-        stats: Any,
+        system: System, engine: str, samples: Samples, start: Start, t0: float, status: str, message: str, stats: Any,
+        stretches: tuple[Stretch, ...] = (), events: tuple[Event, ...] = (),
     ) -> Trajectory:  # fmt: skip
         """Turn the samples of a run into a trajectory."""
-        recorded, names = loop.recorded, system.forces.inputs or ()
-        t, states = recorded.t, engine.stored(recorded.t, recorded.states)
-        inputs, branch = engine.sampled(recorded.t, recorded.states)
+        (t, states, inputs, branch), names = samples, system.forces.inputs or ()
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine.name, t, states, branch), {}
+        motion, looked = Motion(system, engine, t, states, branch), {}
         try:
             looked["_energies"] = energies_along(system, motion, work_by_force(system, motion))
             doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
         except Exception as error:  # the samples are there, whatever becomes of what is computed of them
             doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
         made = Trajectory(
-            system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
-            stats, versions(), float(t0), doubts,
+            system.mechanism, t, states, engine, inputs, names, branch, system.run, status, message, start.adjustments,
+            stats, versions(), float(t0), doubts, stretches, events,
         )  # fmt: skip
         made.__dict__.update(system=system, _motion=motion, **looked)  # nothing is compiled or computed again
         return made
@@ -108,6 +110,13 @@ class Trajectory(Remade, Displayed):
     @cached_property
     def _motion(self) -> Motion:
         return Motion(self.system, self.engine, self.t, self.states, self.branch)
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The intervals in which no contact changes, in order; one of the whole run without contacts."""
+        if not self.stretches:
+            return (Phase(self.t0, float(self.t[-1]), (), ()),)
+        return phases_of(self.system.points, self.stretches)
 
     @property
     def q(self) -> Array:
@@ -183,7 +192,8 @@ class Trajectory(Remade, Displayed):
     def controls(self) -> Mapping[str, Array]:
         """Applied forces and the forces of prescribed segments by name, (N,) [N, N m]."""
         ideal = {row.text for row in self.system.info[: len(self.scene.constraints)]}
-        names = tuple(n for n in self.system.work_names if n != DAMPERS and n not in ideal)
+        ideal |= {DAMPERS, *work_names_of(self.system.points)}
+        names = tuple(n for n in self.system.work_names if n not in ideal)
         return Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
@@ -192,11 +202,13 @@ class Trajectory(Remade, Displayed):
 
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
-        the ski, where there is any. A multiplier is the force along the gradient of left side - right side.
+        the ski, where there is any. A multiplier is the force along the gradient of
+        left side - right side. Of a contact it is the force (N, 3) [N] on the mechanism in the surface frame.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
+        ideal += tuple(contact.name for contact in self.scene.contacts)
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:
@@ -263,7 +275,10 @@ class Trajectory(Remade, Displayed):
     @cached_property
     def _evaluations(self) -> dict[str, Any]:
         values, failed = self._coordinates[0], self.status == "failed"
-        return forces_along(self.system, self.t, self.q, self.v, self.work, values, self.inputs, failed)
+        taken = self.t, self.q, self.v, self.work, values, self.inputs
+        if not self.stretches:
+            return forces_along(self.system, *taken, failed)
+        return forces_in_phases(self.system, self.stretches, taken, self._postures, failed)
 
     @cached_property
     def _energies(self) -> dict[str, Array]:
@@ -276,6 +291,8 @@ class Trajectory(Remade, Displayed):
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
             "engine": self.engine, "t0": self.t0, "doubts": self.doubts,
         }  # fmt: skip
+        if self.stretches:
+            note |= phases_as_data(self.stretches, self.events)
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def save_csv(self, path: str | Path) -> Path:

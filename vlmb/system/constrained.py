@@ -10,6 +10,7 @@ lambda solve the equations, for any weights W >= 0.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 
@@ -24,6 +25,7 @@ from vlmb.system.constraints import STEEP, ConstraintSet, contradiction
 from vlmb.system.core_rows import gain_table, moving_places
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
+from vlmb.system.slips import Slips
 
 Array = NDArray[np.float64]
 
@@ -46,11 +48,12 @@ class ConstraintSolver:
 
     def __init__(
         self, mechanism: Mechanism, frames: LinkFrames, rows: ConstraintSet | None, plan: ProgrammePlan | None,
-        held: bool, gain: float, prescribed_dofs: Sequence[int] = (),
+        held: bool, gain: float, prescribed_dofs: Sequence[int] = (), slips: Slips | None = None,
     ) -> None:  # fmt: skip
         scene, nv = mechanism.scene, mechanism.layout.nv
         self.frames, self.rows, self.held, self.gain = frames, rows, held, gain
         self.prescribed_dofs = list(prescribed_dofs)
+        self.slips = slips if slips is not None and slips.sliding else None
         self.ideal = len(scene.constraints)
         self.servo = len(scene.programme.constraints) if scene.programme else 0
         given = control_channels(mechanism)
@@ -138,7 +141,8 @@ class ConstraintSolver:
             mass += self.added()
             self.load += self.jacobian[:, :count] @ (self.weights * wanted[:count])
             least = LOST * mass.diagonal()
-        factor, answer, info = lapack.dposv(mass, self.right, 0, 1)  # M overwritten
+        right = self.right if self.slips is None else self._with_friction(self.slips, t, q, v, branch)
+        factor, answer, info = lapack.dposv(mass, right, 0, 1)  # M overwritten
         if info or (self.inertias is not None and (factor.diagonal() ** 2 <= least).any()):
             return None
         self.answers = answer.T[n_controls + 1 :]
@@ -168,6 +172,32 @@ class ConstraintSolver:
         pairs = zip(self.largest, self.diagonal, self.bounded, strict=True)
         self.largest = [max(largest, own) if bounded else 0.0 for largest, own, bounded in pairs]
 
+    def _with_friction(self, slips: Slips, t: float, q: Array, v: Array, branch: Array) -> Array:
+        """Return the right sides with what sliding contacts push on, on accelerations that are free."""
+        right = self.right.copy()
+        for slide in slips.evaluate(self.frames, t, q, v, branch):
+            extra = slide.extra.copy()
+            extra[self.prescribed_dofs] = 0.0
+            right[:, self.n_controls + 1 + self.held + slide.row] += extra
+        return right
+
+    def friction(self) -> Array:
+        """Return the friction of sliding contacts (nv,) of the last solution."""
+        slides = self.slips.slides if self.slips is not None else ()
+        found = np.zeros(len(self.load))
+        for slide in slides:
+            found += self.multipliers[self.held + slide.row] * slide.extra
+        return found
+
+    def friction_powers(self) -> dict[str, float]:
+        """Return what friction takes, and what it carries along with moving surfaces, by work state [W]."""
+        found: dict[str, float] = {}
+        for slide in self.slips.slides if self.slips is not None else ():
+            force = slide.share * float(self.multipliers[self.held + slide.row])
+            found[f"friction {slide.name}"] = force * slide.speed
+            found[f"surface {slide.name}"] = force * slide.carried
+        return found
+
     def require_finite(self) -> None:
         """Raise SimulationError, SingularError naming the rows or the control without a finite value at the last solution."""
         if self.rows is not None:
@@ -189,6 +219,8 @@ class ConstraintSolver:
     def on_prescribed(self) -> Array:
         """Return J^T lambda + B u (nv,) of the last solution on prescribed accelerations, 0 elsewhere."""
         both: Array = self.shares.dot(self.apart[: len(self.shares)])
+        if self.slips is not None:
+            both[self.prescribed_dofs] += self.friction()[self.prescribed_dofs]
         return both
 
     def powers(self, v: Array) -> Array:
@@ -218,6 +250,12 @@ class ConstraintSolver:
             matrix[empty], matrix[:, empty], right[empty] = 0.0, 0.0, 0.0
             matrix[empty, empty] = 1.0
             diagonal = matrix.diagonal().tolist()
+        if self.slips is not None:
+            self.worth = 1.0
+            with contextlib.suppress(np.linalg.LinAlgError):
+                solved = np.linalg.solve(matrix, right)
+                if np.isfinite(solved).all():
+                    return np.asarray(solved, float)
         factor, answer, info = lapack.dposv(matrix, right)
         pivots = factor.diagonal().tolist()
         self.worth = 1.0

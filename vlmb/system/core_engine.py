@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vlmb.core.calls import onto_edge, run
 from vlmb.core.constraints import SIDEWAYS
+from vlmb.core.contacts import ALONG
 from vlmb.core.driver import (
     ACCEPT,
     EVALUATE,
@@ -32,6 +33,7 @@ from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import read_along
 from vlmb.system.answering import march_answered
+from vlmb.system.contacts import ContactLook
 from vlmb.system.core_faults import fault
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.core_rows import solved_programme
@@ -189,13 +191,37 @@ class CoreEngine:
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
-        slides = len(self.plan.plant.sliding) > 0
+        slides = len(self.plan.plant.sliding) > 0 or len(self.plan.plant.rows.contacts) > 0
         if self.dependent >= 0 or slides:
             self._answer(EVALUATE, t, y)
         if not slides:
             self.single.slope[:] = 0.0
         self._answer(LOOK, t, y)
         return np.array(self.single.indicators[VALUE : RATE + 1])
+
+    def inputs_at(self, t: float, y: Array) -> list[float]:
+        """Ask the control, once, for the forces (S,) that it gives at a state."""
+        return list(self._ask(t, y)) if self.reader is not None else []
+
+    def hold_inputs(self, values: Sequence[float] | Array) -> None:
+        """Let forces from outside have these values (S,), where no control is asked for them."""
+        self.memory.inputs[:] = values
+
+    def look_at_contacts(self, t: float, y: Array) -> ContactLook:
+        """Return places and gaps of all contacts with two derivatives, and what holds closed ones, at (t, y)."""
+        self.evaluate(t, y)
+        self._answer(LOOK, t, y)
+        plan, rows = self.plan, self.plan.plant.rows
+        assert plan.contacts is not None
+        count = 4 * len(plan.contacts.points)
+        jets = np.array(self.memory.buffers.slots[plan.plant.tape.root[plan.seen : plan.seen + count]])
+        multipliers, ways = np.zeros(0), np.zeros((0, 3))
+        if len(rows.contacts):
+            sizes = sizes_of(rows)
+            first = int(sizes.controls + sizes.held)
+            multipliers = np.array(parts(sizes, self.memory.rows).shares[first : int(sizes.controls + sizes.ideal)])
+            ways = np.array(self.memory.rows.contacts[:, ALONG : ALONG + 3])
+        return ContactLook(jets.reshape(-1, 4, 3), multipliers, ways, np.array(self.single.slope))
 
     def look_at(self, worth: float) -> None:
         """Let the event of rows that lose their independence happen where one is worth so little."""

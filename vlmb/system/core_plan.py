@@ -28,8 +28,27 @@ from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.core_rows import make_rows
-from vlmb.system.events import BOTH_WAYS, DEPENDENT, FALL, FALLING, LIMIT, LINE_UP, QUIET, RISING, SWITCH, Event
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, UNDER, PhaseContacts
+from vlmb.system.contacts import HELD as HELD_STATE
+from vlmb.system.core_rows import grip_of, make_rows
+from vlmb.system.events import (
+    BOTH_WAYS,
+    CONTACT,
+    DEPENDENT,
+    FALL,
+    FALLING,
+    LIMIT,
+    LINE_UP,
+    OPENS,
+    QUIET,
+    REARMS,
+    RISING,
+    SLIPS,
+    STICKS,
+    SWITCH,
+    TOUCHES,
+    Event,
+)  # fmt: skip
 from vlmb.system.friction import FRICTION_EVENTS
 from vlmb.system.point_forces import lengths_of, scene_forces, singular_lengths
 from vlmb.system.prescribed import Prescribed
@@ -55,6 +74,8 @@ class CorePlan:
     row_names: tuple[str, ...] = ()  # the knife edge where a multiplier holds it, ideal rows, those of the programme, secondary
     controls: tuple[str, ...] = ()  # of the programme
     programme: ProgrammePlan | None = None
+    contacts: PhaseContacts | None = None
+    seen: int = -1  # the first root of the tape of what is read of contacts: places and gaps
 
     def __repr__(self) -> str:
         forces = listed([force.name for force in self.acting])
@@ -65,6 +86,13 @@ class CorePlan:
         """Return this plan for a mechanism that differs in its start and in the springs of its segments alone."""
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
         return replace(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
+
+    def placed(self, contacts: PhaseContacts) -> CorePlan:
+        """Return this plan with the contacts of its phase at other places."""
+        numbers = {**self.mechanism.scene.parameters, **contacts.numbers()}
+        parameters = np.array([float(numbers[name]) for name in self.table.parameters])
+        rows = self.plant.rows._replace(grip=grip_of(contacts))
+        return replace(self, plant=self.plant._replace(parameters=parameters, rows=rows), contacts=contacts)
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -123,7 +151,8 @@ class CorePlan:
 def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
     inputs: Sequence[str] | None, work_names: Sequence[str], constraints: ConstraintSet | None = None,
-    programme: ProgrammePlan | None = None, watching: bool = False,
+    programme: ProgrammePlan | None = None, watching: bool = False, contacts: PhaseContacts | None = None,
+    until: Expression | None = None,
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
@@ -163,9 +192,12 @@ def make_core_plan(
         driven.append((arrays.rows[link], 3 * (side - 1), len(roots), works.get(length.force, 0)))
         roots.append(length.law.expression)
         laws.append((length.name, roots[-1].text))
-    rows = no_rows() if watching else make_rows(mechanism, run, constraints, programme, table, len(roots), works)
+    rows = no_rows() if watching else make_rows(mechanism, run, constraints, programme, table, len(roots), works, contacts)
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
+    seen = len(roots)
+    roots += [] if contacts is None else contacts.roots
+    roots += [] if until is None else [until]
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
     slides = scene.base.friction > 0.0 and not watching
@@ -174,12 +206,21 @@ def make_core_plan(
     compiled = compile_tape(roots, table.resolve, table.signals.pieces)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
+    tape = compiled.tape
+    if contacts is not None:
+        light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
+        tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
+    if until is not None:
+        watch.append((core.SWITCH, len(tape.switch)))
+        bounds.append((1.0, 0.0))
+        events.append(Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0))
+        tape = _with_switches(tape, [len(roots) - 1])
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
-        tree=arrays.tree, quantities=table.made(), tape=compiled.tape,
+        tree=arrays.tree, quantities=table.made(), tape=tape,
         parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
@@ -189,8 +230,39 @@ def make_core_plan(
     names = (*(("knife_edge",) if len(rows.table) and rows.table[0, HELD] else ()), *(constraints.texts if constraints else ()))
     return CorePlan(
         mechanism, arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
-        programme.names if programme is not None else (), programme,
+        programme.names if programme is not None else (), programme, contacts, seen,
     )  # fmt: skip
+
+
+def _watch_contacts(
+    contacts: PhaseContacts, compiled: CompiledTape, seen: int, light: float, watch: list[tuple[int, int]],
+    bounds: list[tuple[float, float]], events: list[Event],
+) -> op.Tape:  # fmt: skip
+    """Add the indicators of contacts, and return the tape with their gaps among what is looked at after a step."""
+    tape, closed = compiled.tape, 0
+    first = len(tape.switch)
+    for k, (point, footing) in enumerate(zip(contacts.points, contacts.footings, strict=True)):
+        if footing.state in CLOSED:
+            looks = [(core.HOLDS, OPENS)]
+            if point.contact.slips:
+                looks.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
+            for form, kind in looks:
+                watch.append((form, closed))
+                events.append(Event(CONTACT, FALLING, kind, "", k, STILL if kind == STICKS else light))
+            closed += 1
+        else:
+            armed = footing.state == OPEN
+            watch.append((core.SWITCH, first + k))
+            name = TOUCHES if armed else REARMS
+            events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, UNDER if armed else 0.0))
+        bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
+    return _with_switches(tape, [seen + 4 * k + 3 for k in range(len(contacts.points))])
+
+
+def _with_switches(tape: op.Tape, roots: Sequence[int]) -> op.Tape:
+    """Return a tape with more that is looked at after a step: the values of roots."""
+    more = [[int(tape.root[root]), -1, op.EDGE, op.OF_STATE] for root in roots]
+    return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(more, np.int64)]))
 
 
 def _owner(mechanism: Mechanism, coordinate: str) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.contacts import AT, CARRIED, COUNT, HEAT, PLACE, SLIDES
 from vlmb.core.row_arrays import (
     ALONG,
     BEHIND,
@@ -24,6 +25,7 @@ from vlmb.core.row_arrays import (
     ROOT,
     SECOND,
     SERVO,
+    SLIDING,
     UNBOUNDED,
     VARYING,
     WORK,
@@ -37,6 +39,8 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import QuantityTable
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.contacts import SLIDING as SLIDING_STATE
+from vlmb.system.contacts import PhaseContacts
 from vlmb.system.gains import MovingGains
 from vlmb.system.programme import ProgrammePlan, control_channels, control_scales
 from vlmb.system.readings import form_of_row
@@ -71,7 +75,7 @@ def moving_places(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal:
 
 def make_rows(
     mechanism: Mechanism, run: Run, constraints: ConstraintSet | None, plan: ProgrammePlan | None, table: QuantityTable,
-    first: int, works: Mapping[str, int],
+    first: int, works: Mapping[str, int], contacts: PhaseContacts | None = None,
 ) -> Rows:  # fmt: skip
     """Make the rows of a scene for the core; `first` is the root of the tape of the first one, what varies is behind.
 
@@ -84,16 +88,17 @@ def make_rows(
     ideal, servo = len(mechanism.scene.constraints), len(plan.texts) if plan is not None else 0
     acting = control_channels(mechanism)
     varying = moving_places(info, plan, ideal)
-    numbers = np.full((1 + len(info) + len(acting) + len(varying), 12), -1, np.int64)
+    numbers = np.full((1 + len(info) + len(acting) + len(varying), 13), -1, np.int64)
     numbers[0, [HELD, IDEAL, SERVO, SECOND]] = held, ideal, servo, len(info) - ideal - servo
     numbers[0, [CONTROLS, FIRST, PROJECTED]] = len(acting), first, held and run.knife_edge == "projection"
     behind, moving = first + len(info), MovingGains() if plan is None else plan.moving
     numbers[0, [VARYING, BEHIND]] = len(varying), len(moving.laws)
     if moving.free is not None:
         numbers[0, [FREE, BORDER]] = behind, behind + 1 + len(varying)
+    own = {} if contacts is None else contacts.work_of()
     for at, row in enumerate(info):
         numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
-        numbers[1 + at, WORK] = works[row.text] if at < ideal and row.working else -1
+        numbers[1 + at, WORK] = works[own.get(row.text, row.text)] if at < ideal and row.working else -1
         numbers[1 + at, UNBOUNDED] = row.unbounded
     for at, force in enumerate(acting):
         numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]
@@ -105,7 +110,31 @@ def make_rows(
     gains[: len(info), : 2 * len(info)] = np.hstack([h, k])
     numbers[0, COUPLED] = any(np.count_nonzero(matrix - np.diag(np.diag(matrix))) for matrix in (h, k))
     gains[-1, : len(acting) + 1] = *control_scales(mechanism, acting), run.gain
-    return Rows(numbers, gains)
+    closed = _contacts(contacts, table, works, held)
+    numbers[0, SLIDING] = int(closed[:, SLIDES].sum())
+    return Rows(numbers, gains, closed, grip_of(contacts))
+
+
+def grip_of(contacts: PhaseContacts | None) -> Array:
+    """Return the numbers (closed, 9) of friction of closed contacts: see vlmb/core/contacts.py."""
+    closed = [] if contacts is None else contacts.closed
+    grip = np.zeros((len(closed), 9))
+    for k, (point, footing, _, _) in enumerate(closed):
+        coefficient = point.coefficient if footing.state == SLIDING_STATE and point.contact.slips else 0.0
+        grip[k] = coefficient, min(point.at_rest, 1e300), *point.contact.surface_velocity, *footing.towards, all(point.names)
+    return grip
+
+
+def _contacts(contacts: PhaseContacts | None, table: QuantityTable, works: Mapping[str, int], held: bool) -> NDArray[np.int64]:
+    """Make the table of closed contacts for the core: see vlmb/core/contacts.py."""
+    closed = [] if contacts is None else contacts.closed
+    found = np.full((len(closed), 8), -1, np.int64)
+    for k, (point, footing, at, count) in enumerate(closed):
+        slides = footing.state == SLIDING_STATE and point.contact.slips
+        found[k, [AT, COUNT, SLIDES]] = held + at, count, slides
+        found[k, PLACE : PLACE + 3] = [table.of(table.names.find(name)) if name else -1 for name in point.names]
+        found[k, HEAT], found[k, CARRIED] = (works.get(f"{what} {point.name}", -1) for what in ("friction", "surface"))
+    return found
 
 
 def solved_programme(rows: Rows, memory: RowMemory) -> tuple[Array, Array]:

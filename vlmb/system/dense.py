@@ -21,6 +21,7 @@ from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
+from vlmb.system.contacts import PhaseContacts
 from vlmb.system.diagnostics import HUGE, Diagnostics
 from vlmb.system.forces import ForceWriter
 from vlmb.system.frames import LinkFrames
@@ -50,11 +51,12 @@ class Dense:
         branch: Array,
         calls: list[int],
         diagnostics: Diagnostics,
+        contacts: PhaseContacts | None = None,
     ) -> None:
         self.mechanism, self.frames, self.springs, self.direction_springs = mechanism, frames, springs, direction_springs
         self.applied, self.solver, self.prescribed, self.projecting = applied, solver, prescribed, projecting
         self.work_names, self.branch, self.calls, self.diagnostics = work_names, branch, calls, diagnostics
-        self.damped = "dissipation" in work_names
+        self.damped, self.contacts = "dissipation" in work_names, contacts
         self.friction = SkiFriction(mechanism, frames.data) if mechanism.scene.base.friction else None
         self.forced = bool(direction_springs or applied.forces.needed or self.friction)
         self._lost = 0.0  # power in the direction dampers [W]
@@ -190,13 +192,21 @@ class Dense:
         account = {STORED: -1, LOST: -2}
         slots = [account[c.kind] if c.kind in account else start + names.index(c.name) for c in applied.channels]
         solver, springs = self.solver, self.springs
-        controlled = solver.n_controls + len(solver.working)  # their work states come first
+        own = {} if self.contacts is None else self.contacts.work_of()
+        worked = [row.text for row in solver.info[: solver.ideal] if row.working]
+        acting = [channel.name for channel in control_channels(self.mechanism)] + [own.get(text, text) for text in worked]
+        controlled = [start + names.index(name) for name in acting]
+        rubbing = {name: start + at for at, name in enumerate(names)} if solver.slips is not None else {}
         driven = [(start + names.index(at.force), at.v) for at in self.prescribed]
 
         def powers(y: Array, v: Array, vdot: Array, rows: Array, missing: Array, dy: Array) -> None:
             dy[start:] = 0.0
             if controlled:
-                dy[start : start + controlled] = solver.powers(v)
+                for slot, power in zip(controlled, solver.powers(v).tolist(), strict=True):
+                    dy[slot] += power
+            for name, power in solver.friction_powers().items() if rubbing else ():
+                if name in rubbing:
+                    dy[rubbing[name]] += power
             lost = 0.0
             if slots:
                 for slot, value, rate in zip(slots, applied.values.tolist(), applied.columns.dot(v).tolist(), strict=True):

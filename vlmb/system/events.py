@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP = range(7)  # kinds of events; QUIET never happens; GRIP: a ski stops, slips
+# kinds of events; QUIET never happens; GRIP: a ski stops, slips; CONTACT: one touches, opens, slips, sticks
+LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP, CONTACT = range(8)
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
+# names of the events of a contact; REARMS: one that was refused is outside again
+TOUCHES, OPENS, SLIPS, STICKS, REARMS, BOUNCES = "touch", "open", "slip", "stick", "rearm", "bounce"
 IN_LINE = 1e-6  # sine of an angle below which two directions line up
 
 
@@ -16,9 +19,10 @@ class Event(NamedTuple):
     direction: float
     name: str
     sentence: str
-    which: int = -1  # of a line-up: the spring between points whose ends meet
+    which: int = -1  # of a line-up: the spring between points whose ends meet; the contact
+    slack: float = 1e-12  # [m, N, m/s] what counts as 0 at a start, of one that ends a run or a phase
 
     @property
     def ends(self) -> bool:
-        """Whether it ends a run wherever it happens: a limit, or a fall."""
-        return self.kind in (LIMIT, FALL)
+        """Whether it ends a run, or a phase, wherever it happens: a limit, a fall, a contact's."""
+        return self.kind in (LIMIT, FALL, CONTACT)

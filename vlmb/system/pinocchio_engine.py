@@ -27,8 +27,10 @@ from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.answering import march_answered
 from vlmb.system.constrained import SIDEWAYS
+from vlmb.system.constraints import ConstraintSet
+from vlmb.system.contacts import ContactLook, gap_text
 from vlmb.system.core_reading import CoreReading
-from vlmb.system.events import DEPENDENT, GRIP, LIMIT, QUIET, Event
+from vlmb.system.events import CONTACT, DEPENDENT, GRIP, LIMIT, OPENS, QUIET, SLIPS, STICKS, Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.friction import FRICTION_EVENTS, indicators_of
 from vlmb.system.system import System
@@ -66,6 +68,8 @@ class PinocchioEngine:
         self.dependent = next((k for k, event in enumerate(watch.events) if event.kind == DEPENDENT), -1)
         at = next((k for k, event in enumerate(self.watch.events) if event.kind == GRIP), None)
         self.sliding = slice(0, 0) if at is None else slice(at, at + len(FRICTION_EVENTS))
+        self.gripping = [k for k, e in enumerate(watch.events) if e.kind == CONTACT and e.name in (OPENS, SLIPS, STICKS)]
+        self.places: ConstraintSet | None = None  # of contacts, once they are looked at
         self.bound = LOOKED_AT[0]
         self.worth, self.looked = 0.0, 0.0  # of the ideal rows at the last accepted step, and its time
 
@@ -95,6 +99,9 @@ class PinocchioEngine:
         real[H_MAX] = min(self.seen.real[H_MAX], max(self.room, CLOSEST))
         driver.indicators[VALUE : RATE + 1] = self.seen.indicators[VALUE : RATE + 1]
         self._look_at_ski(t, y, driver.indicators)
+        self._look_at_grip(t, y, driver.indicators)
+        if self.workspace.slips is not None:
+            self.workspace.slips.keep()
         if self.dependent >= 0:
             real[H_MAX] = min(float(real[H_MAX]), self._note_worth(t, driver.indicators))
 
@@ -110,9 +117,10 @@ class PinocchioEngine:
         """Return the indicators of all events and their rates (2, e)."""
         self._look(LOOK, t, y, NO_BOUNDS, np.inf)
         found = np.array(self.seen.indicators[VALUE : RATE + 1])
-        if self.sliding.stop:
+        if self.sliding.stop or self.gripping:
             both = np.array(self.seen.indicators)
             self._look_at_ski(t, y, both)
+            self._look_at_grip(t, y, both)
             found = np.array(both[VALUE : RATE + 1])
         if self.dependent >= 0:
             self.workspace.rhs(t, y)
@@ -175,6 +183,46 @@ class PinocchioEngine:
         if friction is not None:
             rate = float(self.workspace.rhs(t, y)[at])
             indicators[VALUE : RATE + 1, self.sliding] = indicators_of(friction.found, friction.mu, y.item(at), rate)
+
+    def _look_at_grip(self, t: float, y: Array, indicators: Array) -> None:
+        """Write the indicators of closed contacts at (t, y) into row VALUE of `indicators`, after `_look`."""
+        slips, contacts = self.workspace.slips, self.watch.contacts
+        if not self.gripping or slips is None or contacts is None:
+            return
+        self.workspace.rhs(t, y)
+        count = 4 * len(contacts.points)
+        jets = self.memory.buffers.slots[self.watch.plant.tape.root[self.watch.seen : self.watch.seen + count]].reshape(-1, 4, 3)
+        solver = self.workspace.solver
+        indicators[VALUE, self.gripping] = slips.indicators(t, jets, solver.multipliers[solver.held :])
+        indicators[RATE, self.gripping] = 0.0
+
+    def hold_inputs(self, values: Sequence[float] | Array) -> None:
+        """Let forces from outside have these values (S,), where no control is asked for them."""
+        self.workspace.applied.held = list(values)
+
+    def inputs_at(self, t: float, y: Array) -> list[float]:
+        """Ask the control, once, for the forces (S,) that it gives at a state."""
+        reader = self.workspace.applied.reader
+        return [] if reader is None else self.workspace.inputs(t, self.workspace.unpack(t, y)).tolist()
+
+    def look_at_contacts(self, t: float, y: Array) -> ContactLook:
+        """Return places and gaps of all contacts with two derivatives, and what holds closed ones, at (t, y)."""
+        work, contacts = self.workspace, self.system.contacts
+        assert contacts is not None
+        if self.places is None:
+            named = [(*point.names, f"{gap_text(point)} - {point.parameter('gap')}") for point in contacts.points]
+            texts = [(f"{name} = 0", "contacts", True) for group in named for name in group if name]
+            self.places = ConstraintSet(work.mechanism, texts)
+        rates = np.array(work.rhs(t, y))
+        q, v = work.unpack(t, y)
+        work.frames.update(q)
+        values = self.places.evaluate(work.frames, t, q, v, np.array(work.branch))
+        second = values.jacobian @ rates[work.nq : work.nq + work.nv] + values.drift
+        known = np.array([bool(name) for point in contacts.points for name in (*point.names, "gap")])
+        jets = np.zeros((len(known), 3))
+        jets[known] = np.column_stack([values.z, values.rate, second])
+        ways = np.array(work.slips.last).reshape(-1, 3) if work.slips is not None else np.zeros((0, 3))
+        return ContactLook(jets.reshape(-1, 4, 3), np.array(work.solver.multipliers[work.solver.held :]), ways, rates)
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""

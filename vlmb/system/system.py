@@ -18,6 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST
+from vlmb.scene.expressions import Expression
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
@@ -25,6 +26,7 @@ from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import Diagnostics
@@ -35,6 +37,7 @@ from vlmb.system.gains import require_decay
 from vlmb.system.point_forces import is_named, outer_forces
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
+from vlmb.system.slips import Slips
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
 from vlmb.system.types import Rhs
 
@@ -70,6 +73,8 @@ class System:
     forces: AppliedForces
     constraints: ConstraintSet | None  # ideal rows, rows of the programme, secondary ones
     programme: ProgrammePlan | None
+    contacts: PhaseContacts | None = None  # of a phase
+    until: Expression | None = None  # a run ends where it falls through 0
 
     def __repr__(self) -> str:
         parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
@@ -122,13 +127,39 @@ class System:
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
-        """Names of the work states: forces, ideal rows that work, and "dissipation"."""
+        """Names of the work states: forces, ideal rows that work, what contacts take, and "dissipation"; in a phase the run's."""
+        if self.contacts is not None:
+            return self.contacts.works
         names = [*(self.programme.names if self.programme else ())]
         names += [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
         names += [channel.name for channel in self.forces.named] + [at.force for at in self.prescribed]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
         dampers += [float(channel.kind == LOST) for channel in self.forces.channels] + [self.mechanism.scene.base.friction]
+        names += work_names_of(self.points)
         return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
+
+    @cached_property
+    def points(self) -> tuple[ContactPoint, ...]:
+        """The contacts of the scene."""
+        return contact_points(self.mechanism)
+
+    def placed(self, footings: Sequence[Footing]) -> System:
+        """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""
+        assert self.contacts is not None
+        contacts, plan = dataclasses.replace(self.contacts, footings=tuple(footings)), self.core_plan
+        made = dataclasses.replace(self, contacts=contacts)
+        made.__dict__.update(core_plan=plan.placed(contacts), work_names=self.work_names)
+        return made
+
+    def phase(self, footings: Sequence[Footing], bare: bool = False) -> System:
+        """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
+        scene = self.mechanism.scene
+        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare))
+        kept = {name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")}
+        made.__dict__.update(kept)
+        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
+        system = make_system(made, self.run, None if bare else self.forces.inputs)
+        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until)
 
     @property
     def size(self) -> int:
@@ -146,13 +177,16 @@ class System:
         """What the compiled core runs."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names,
-            self.constraints, self.programme,
+            self.constraints, self.programme, contacts=self.contacts, until=self.until,
         )  # fmt: skip
 
     @cached_property
     def watch_plan(self) -> CorePlan:
         """What the core looks for where Pinocchio moves."""
-        return make_core_plan(self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True)
+        return make_core_plan(
+            self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True, contacts=self.contacts,
+            until=self.until,
+        )  # fmt: skip
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -238,16 +272,18 @@ class Workspace:
         self.frames = LinkFrames(mechanism)
         self.applied = ForceWriter(mechanism, system.forces, self.frames, control)
         held = self.knife_edge in ("multiplier", "projection")
+        self.slips = None if system.contacts is None else Slips(mechanism, system.contacts)
         self.solver = ConstraintSolver(
-            mechanism, self.frames, system.constraints, system.programme, held, system.run.gain, system.prescribed_dofs
-        )
+            mechanism, self.frames, system.constraints, system.programme, held, system.run.gain, system.prescribed_dofs,
+            self.slips,
+        )  # fmt: skip
         self.springs = SegmentSprings(system.segments, self.nq)
         self.diagnostics = Diagnostics(mechanism, self.frames, self.applied, self.solver)
         self._calls = [0]
         self._branch = np.zeros(len(self.layout.names)) if branch is None else np.array(branch, float)
         self._dense = Dense(
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
-            self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics,
+            self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics, system.contacts,
         )  # fmt: skip
         self.rhs: Rhs = self._dense.with_friction(self._dense.rhs(), self.unpack)
 
@@ -340,7 +376,7 @@ class Workspace:
             multipliers = solver.multipliers[solver.held :]
             shares = [self._per_angle(row) for row in system.info[: solver.ideal]]
             reactions |= dict(zip(texts, (multipliers * shares).tolist(), strict=False))
-            ideal = multipliers @ values.jacobian[: solver.ideal]
+            ideal = multipliers @ values.jacobian[: solver.ideal] + solver.friction()
         if solver.programme is not None:
             tau += solver.forces()
         missing = pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot) - tau - ideal

@@ -1,0 +1,73 @@
+"""Forces along a run in phases: each phase by its own system, and the forces of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.model.frozen import read_only
+from vlmb.model.reading import Postures
+from vlmb.scene.tables import BASE
+from vlmb.simulation.histories import forces_along
+from vlmb.simulation.phases import Stretch
+from vlmb.system.contacts import CLOSED, ContactPoint, row_texts
+from vlmb.system.slips import force_of
+from vlmb.system.system import System
+
+Array = NDArray[np.float64]
+
+
+def forces_in_phases(
+    system: System, stretches: Sequence[Stretch], taken: Sequence[Array], seen: Postures, failed: bool
+) -> dict[str, Any]:
+    """Return what `forces_along` does, and of each contact its force (N, 3) [N] on the mechanism, zeros while it is open.
+
+    taken : t, q, v, work, values of coordinates and inputs, at all samples; `seen` where every point is there
+    """
+    parts = []
+    for stretch in stretches:
+        if stretch.last > stretch.first:
+            own = slice(stretch.first, stretch.last)
+            parts.append(_in_phase(system, stretch, [values[own] for values in taken], seen, own, failed))
+    return {name: _joined([part[name] for part in parts]) for name in parts[0]}
+
+
+def _in_phase(
+    system: System, stretch: Stretch, taken: Sequence[Array], seen: Postures, own: slice, failed: bool
+) -> dict[str, Any]:
+    found = forces_along(system.phase(stretch.footings), *taken, failed)  # type: ignore[call-arg, arg-type]
+    reactions, texts = dict(found["reactions"]), set[str]()
+    for point, footing in zip(system.points, stretch.footings, strict=True):
+        forces = np.zeros((len(taken[0]), 3))
+        if footing.state in CLOSED:
+            rows = row_texts(point, footing.state)
+            texts |= {*rows}
+            multipliers = np.column_stack([reactions[text] for text in rows])
+            places, speeds = (values[own] for values in motion_of(point, seen))
+            for i, t in enumerate(taken[0].tolist()):
+                forces[i] = force_of(point, footing, t, places[i], speeds[i], multipliers[i])
+        reactions[point.name] = read_only(forces)
+    kept = {name: values for name, values in found["residuals"].items() if name not in texts}
+    shown = {name: values for name, values in reactions.items() if name not in texts}
+    return found | {"reactions": shown, "residuals": kept}
+
+
+def motion_of(point: ContactPoint, seen: Postures) -> tuple[Array, Array]:
+    """Return places and velocities (N, 3) of a contact's point."""
+    if point.contact.point == BASE:
+        return seen.place, seen.velocity_of_place
+    link, _, which = point.contact.point.partition(".")
+    at = [entry.name for entry in seen.layout.links].index(link)
+    return seen.position(at, which), seen.velocity(at, which)
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """Put values of phases one after the other; of texts the last."""
+    if isinstance(parts[0], dict):
+        return {name: _joined([part[name] for part in parts]) for name in parts[0]}
+    if isinstance(parts[0], tuple):
+        return tuple(_joined([part[k] for part in parts]) for k in range(len(parts[0])))
+    return parts[-1] if isinstance(parts[0], str) else read_only(np.concatenate(parts))

@@ -1,0 +1,306 @@
+"""Contacts of a system: their surfaces, and what the scene of a phase has beside that of the run: rows of what is closed.
+
+A phase is a scene of its own: each held contact adds the row of its surface and rows across it, each sliding one that of its
+surface. Where a point stands comes in as parameters, so that what is compiled for a set of closed contacts serves them anywhere.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core.opcodes import PARAMETER, TIME, VALUE, Buffers, make_buffers
+from vlmb.core.tape import jets, prepare, read_leaves
+from vlmb.errors import SceneError
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import AXES
+from vlmb.model.tape import CompiledTape, Leaf, compile_tape
+from vlmb.scene.contacts import surface_of
+from vlmb.scene.expressions import Expression, parse
+from vlmb.scene.scene import Scene
+from vlmb.scene.tables import BASE, Contact
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+OPEN, AWAY, HELD, SLIDING = "open", "away", "held", "sliding"  # AWAY: open, and blind until its gap has been positive
+CLOSED = (HELD, SLIDING)
+UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
+STILL = 1e-9  # [m/s] a speed that counts as none
+LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
+ZERO: Vector = (0.0, 0.0, 0.0)
+PLAIN = {"x": 0, "y": 1, "z": 2}  # surfaces whose rows across are coordinates of the point
+
+
+class Footing(NamedTuple):
+    """What is known of one contact in a phase."""
+
+    state: str = OPEN
+    place: Vector = ZERO  # [m] where the point stood when the phase began
+    first: Vector = ZERO  # unit vectors across the surface, of a held contact
+    second: Vector = ZERO
+    since: float = 0.0  # [s]
+    gap: float = 0.0  # [m] that counts as none, of one that has just opened: what its rows left
+    towards: Vector = ZERO  # unit vector that it slides along
+
+
+class ContactLook(NamedTuple):
+    """What an engine sees of contacts at an instant."""
+
+    jets: Array  # (contacts, 4, 3) x, y, z of the point and the gap, each with two derivatives
+    multipliers: Array  # of the scene's own ideal rows, then of those of closed contacts
+    ways: Array  # (closed, 3) unit vectors that they slide along
+    rates: Array  # y'
+
+
+class Surface:
+    """The surface of a contact by the point's place: value and gradient."""
+
+    def __init__(self, expression: Expression, parameters: Mapping[str, float]) -> None:
+        names = {name: at for at, name in enumerate(parameters)}
+
+        def leaf(name: str) -> Leaf:
+            if name in AXES:
+                return Leaf(VALUE, AXES.index(name))
+            return Leaf(PARAMETER, names[name]) if name in names else Leaf(TIME)
+
+        self.expression = expression
+        self.compiled: CompiledTape = compile_tape([expression], leaf)
+        self.parameters = np.array([float(value) for value in parameters.values()])
+        self.buffers: Buffers = make_buffers(self.compiled.tape)
+        prepare(self.compiled.tape, self.buffers, self.parameters)
+
+    def at(self, t: float, place: Sequence[float] | Array) -> tuple[float, Array]:
+        """Return value and gradient (3,) at a time and a place [m]."""
+        tape, slope, out = self.compiled.tape, np.zeros(3), np.zeros((1, 3))
+        moving = float(self._rate(t, place, ZERO, out))
+        for axis in range(3):
+            way = [0.0, 0.0, 0.0]
+            way[axis] = 1.0
+            slope[axis] = self._rate(t, place, way, out) - moving
+        del tape
+        return float(out[0, 0]), slope
+
+    def moves(self, t: float, place: Sequence[float] | Array) -> float:
+        """Return the rate of the surface's value at a place that rests."""
+        return self._rate(t, place, ZERO, np.zeros((1, 3)))
+
+    def _rate(self, t: float, place: Sequence[float] | Array, way: Sequence[float], out: Array) -> float:
+        measured = np.zeros((3, 3))
+        measured[:, 0], measured[:, 1] = place, way
+        read_leaves(self.compiled.tape, t, self.parameters, measured, self.buffers.slots)
+        jets(self.compiled.tape, self.buffers, out)
+        return float(out[0, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoint:
+    """One contact of a mechanism."""
+
+    index: int
+    contact: Contact
+    names: tuple[str, ...]  # of the point's x, y, z; "" where the plane has none
+    surface: Surface = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.contact.name
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it has no friction."""
+        return self.contact.friction == 0.0
+
+    @property
+    def rough(self) -> bool:
+        """Whether it never slips."""
+        return self.contact.friction == "rough"
+
+    @property
+    def coefficient(self) -> float:
+        """Friction while it slides; infinite where it is rough."""
+        return np.inf if self.contact.friction == "rough" else float(self.contact.friction)
+
+    @property
+    def at_rest(self) -> float:
+        """Friction while it does not slip."""
+        static = self.contact.friction_static
+        return self.coefficient if static is None else float(static)
+
+    @property
+    def moving(self) -> bool:
+        """Whether its surface moves, and may do work."""
+        return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
+
+    def parameter(self, what: str) -> str:
+        """Name a number of a phase as its equations do; no scene can have such a name."""
+        return f"phase.{what}{self.index}"
+
+    def frame(self, t: float, place: Sequence[float] | Array, plane: bool) -> tuple[Array, float]:
+        """Return unit vectors (3, 3) as rows, two across the surface, then its normal; and the size of its gradient.
+
+        In a plane the first is the one in it. Raises SceneError for a surface without a slope there.
+        """
+        _, slope = self.surface.at(t, place)
+        size = float(np.linalg.norm(slope))
+        if not size > 1e-12 or not np.isfinite(size):
+            where = ", ".join(f"{value:.4g}" for value in place)
+            raise SceneError(f"contacts[{self.index}].surface = {self.contact.surface!r}: has no slope at ({where})")
+        normal = slope / size
+        other = np.eye(3)[1] if plane else np.eye(3)[int(np.argmin(np.abs(normal)))]
+        first = np.cross(other, normal)
+        first /= np.linalg.norm(first)
+        if first[int(np.argmax(np.abs(first)))] < 0.0:
+            first = -first
+        return np.array([first, np.cross(normal, first), normal]), size
+
+
+def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
+    """Read the contacts of a mechanism. Raises SceneError for points that are none, ExpressionError for surfaces."""
+    scene, names, found = mechanism.scene, mechanism.names, []
+    for index, contact in enumerate(scene.contacts):
+        key = f"contacts[{index}]"
+        if contact.point == BASE:
+            parts = tuple(axis if axis in names else "" for axis in AXES)
+        else:
+            names.point(contact.point, f"{key}.point")
+            parts = tuple(f"{contact.point}.{axis}" for axis in AXES)
+            parts = (parts[0], "", parts[2]) if scene.plane else parts
+        surface = surface_of(contact, scene.parameters, key)
+        if scene.plane and "y" in surface.names:
+            raise SceneError(f"{key}.surface = {contact.surface!r}: names y, which a scene in the plane has not")
+        found.append(ContactPoint(index, contact, parts, Surface(surface, scene.parameters)))
+    return tuple(found)
+
+
+def gap_text(point: ContactPoint) -> str:
+    """Return the equation's side that is 0 on the surface, by the mechanism's names."""
+    named = {axis: name or "0" for axis, name in zip(AXES, point.names, strict=True)}
+    return re.sub(r"(?<![\w.])([xyz])(?![\w.(])", lambda found: named[found[1]], point.contact.surface)
+
+
+def row_texts(point: ContactPoint, state: str) -> tuple[str, ...]:
+    """Return the equations that a closed contact adds: its surface first, then what holds it across."""
+    texts = [f"{gap_text(point)} = 0"]
+    if state != HELD:
+        return tuple(texts)
+    velocity, since = point.contact.surface_velocity, point.parameter("t")
+    away = []
+    for axis, (name, speed) in enumerate(zip(point.names, velocity, strict=True)):
+        start = point.parameter(AXES[axis])
+        drift = f" - {speed!r}*(t - {since})" if speed else ""
+        away.append(f"({name} - {start}{drift})" if name else "")
+    plain = PLAIN.get(point.contact.surface.strip())
+    if plain is not None:
+        across = [axis for axis in range(3) if axis != plain and away[axis]]
+        return (*texts, *(f"{away[axis]} = 0" for axis in across))
+    for which in "ab"[: 1 + all(point.names)]:
+        shares = [f"{point.parameter(which + AXES[axis])}*{away[axis]}" for axis in range(3) if away[axis]]
+        texts.append(f"{' + '.join(shares)} = 0")
+    return tuple(texts)
+
+
+def footing_at(point: ContactPoint, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO) -> Footing:
+    """Return the footing of a contact that closes, or goes on, at a place [m]."""
+    frame, _ = point.frame(t, place, plane)
+    plain = PLAIN.get(point.contact.surface.strip())
+    if plain is not None:  # as its rows have them
+        frame[:2] = [np.eye(3)[axis] for axis in range(3) if axis != plain]
+        if plane:
+            frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
+    x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
+    return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
+
+
+def numbers_of(point: ContactPoint, footing: Footing) -> dict[str, float]:
+    """Return the parameters of a contact's equations in a phase."""
+    found = {point.parameter("gap"): footing.gap}
+    if footing.state == HELD:
+        found |= {point.parameter("t"): footing.since}
+        for axis, name in enumerate(AXES):
+            found |= {point.parameter(name): footing.place[axis], point.parameter("a" + name): footing.first[axis]}
+            found[point.parameter("b" + name)] = footing.second[axis]
+    return found
+
+
+def row_vectors(point: ContactPoint, footing: Footing, slope: Array) -> Array:
+    """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order."""
+    if footing.state != HELD:
+        return slope[None]
+    across = [footing.first, footing.second][: 1 + all(point.names)]
+    return np.vstack([slope, *across])
+
+
+def phase_scene(scene: Scene, points: Sequence[ContactPoint], footings: Sequence[Footing], bare: bool = False) -> Scene:
+    """Return the scene of a phase: with the rows of closed contacts; `bare`: without forces and a programme.
+
+    It is not completed again: no user sees it.
+    """
+    made: Scene = msgspec.Struct.__copy__(scene)  # type: ignore[attr-defined]
+    rows = [text for point, at in zip(points, footings, strict=True) if at.state in CLOSED for text in row_texts(point, at.state)]
+    numbers = {name: value for pair in zip(points, footings, strict=True) for name, value in numbers_of(*pair).items()}
+    changes: dict[str, object] = {
+        "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers},
+    }  # fmt: skip
+    if bare:
+        changes |= {"forces": (), "programme": None}
+    for name, value in changes.items():
+        msgspec.structs.force_setattr(made, name, value)
+    return made
+
+
+def work_names_of(points: Sequence[ContactPoint]) -> tuple[str, ...]:
+    """Return the names of the work states that contacts bring."""
+    found = [f"friction {point.name}" for point in points if point.contact.slips]
+    found += [f"surface {point.name}" for point in points if point.moving]
+    return (*found, "impacts") if points else ()
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseContacts:
+    """The contacts of a scene as they are in a phase, and where the rows of the closed ones begin among its constraints."""
+
+    points: tuple[ContactPoint, ...]
+    footings: tuple[Footing, ...]
+    own: int  # constraints of the scene itself
+    works: tuple[str, ...]  # of all work states
+
+    @property
+    def closed(self) -> list[tuple[ContactPoint, Footing, int, int]]:
+        """List the closed contacts with the first of their rows, counted from the scene's own constraints on, and how many."""
+        found, at = [], self.own
+        for point, footing in zip(self.points, self.footings, strict=True):
+            if footing.state in CLOSED:
+                count = len(row_texts(point, footing.state))
+                found.append((point, footing, at, count))
+                at += count
+        return found
+
+    @property
+    def roots(self) -> list[Expression]:
+        """Return place and gap of every contact as expressions, four each, for a tape."""
+        found = []
+        for point in self.points:
+            found += [parse(name or 0.0, "contacts") for name in point.names]
+            found.append(parse(f"{gap_text(point)} - {point.parameter('gap')}", "contacts"))
+        return found
+
+    def numbers(self) -> dict[str, float]:
+        """Return the parameters of their equations."""
+        return {name: value for pair in zip(self.points, self.footings, strict=True) for name, value in numbers_of(*pair).items()}
+
+    def work_of(self) -> dict[str, str]:
+        """Return the work state of each of these rows, by its text, where it may do work."""
+        return {
+            text: f"surface {point.name}"
+            for point, footing, _, _ in self.closed
+            for text in row_texts(point, footing.state)
+            if point.moving
+        }

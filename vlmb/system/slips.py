@@ -1,0 +1,115 @@
+"""Contacts that slide with friction, for Pinocchio's engine, and what is looked for of closed ones; see vlmb/core/contacts.py."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.core.contacts import SLOW
+from vlmb.model.mechanism import Mechanism
+from vlmb.system.constraints import ConstraintSet
+from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing, PhaseContacts, row_vectors
+from vlmb.system.frames import LinkFrames
+
+Array = NDArray[np.float64]
+
+
+class Slide(NamedTuple):
+    """A contact at the last evaluation, as it slides: which of the scene's ideal rows it is, and what that pushes on beside."""
+
+    row: int
+    extra: Array  # (nv,) for a unit of the multiplier
+    speed: float  # [m/s] along its direction
+    share: float  # friction [N] for a unit of the multiplier
+    carried: float  # [m/s] of the surface along the direction
+    name: str
+
+
+class Slips:
+    """Closed contacts of a phase in Pinocchio's engine. Remembers along what they slide: one for each run."""
+
+    def __init__(self, mechanism: Mechanism, contacts: PhaseContacts) -> None:
+        self.contacts, self.plane = contacts, mechanism.scene.plane
+        self.sliding = [entry for entry in contacts.closed if entry[1].state == SLIDING and entry[0].contact.slips]
+        self.ways = [np.array(footing.towards) for _, footing, _, _ in self.sliding]
+        self.last = [np.array(way) for way in self.ways]
+        texts = [(f"{name} = 0", "contacts", True) for point, *_ in self.sliding for name in point.names if name]
+        self.places = ConstraintSet(mechanism, texts) if texts else None
+        self.slides: list[Slide] = []
+
+    def evaluate(self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Array) -> list[Slide]:
+        """Find what sliding contacts push on; frames are up to date."""
+        self.slides = []
+        if self.places is None:
+            return self.slides
+        values, at = self.places.evaluate(frames, t, q, v, branch), 0
+        for k, (point, _, row, _) in enumerate(self.sliding):
+            axes = [axis for axis, name in enumerate(point.names) if name]
+            lines = values.jacobian[at : at + len(axes)]
+            place, rate = np.zeros(3), np.zeros(3)
+            place[axes], rate[axes] = values.z[at : at + len(axes)], values.rate[at : at + len(axes)]
+            at += len(axes)
+            slope = point.surface.at(t, place)[1]
+            size = float(np.linalg.norm(slope))
+            normal, surface = slope / size, np.array(point.contact.surface_velocity)
+            moving = rate - surface
+            moving -= (moving @ normal) * normal
+            way = way_of(self.ways[k], moving, normal, all(point.names))
+            self.last[k] = way
+            share = -point.coefficient * size
+            extra, carried = share * way[axes] @ lines, float(way @ surface)
+            self.slides.append(Slide(row, extra, float(moving @ way), share, carried, point.name))
+        return self.slides
+
+    def keep(self) -> None:
+        """Take the directions of the last evaluation as those at an accepted step."""
+        self.ways = [np.array(way) for way in self.last]
+
+    def indicators(self, t: float, jets: Array, multipliers: Array) -> list[float]:
+        """Return the indicators of closed contacts in their order: normal force, then what friction may still hold or the speed.
+
+        jets (contacts, 4, 3) of places and gaps; multipliers of all ideal rows of the scene.
+        """
+        found, slid = [], 0
+        for point, footing, at, count in self.contacts.closed:
+            force, normal = held_by(point, footing, t, jets[point.index, :3, 0], multipliers[at : at + count])
+            push = float(force @ normal)
+            found.append(push)
+            if not point.contact.slips:
+                continue
+            if footing.state == HELD:
+                found.append(point.at_rest * push - float(np.linalg.norm(force - push * normal)))
+                continue
+            moving = jets[point.index, :3, 1] - np.array(point.contact.surface_velocity)
+            way = self.ways[slid] - (self.ways[slid] @ normal) * normal
+            found.append(float(moving @ way) / max(float(np.linalg.norm(way)), 1e-300))
+            slid += 1
+        return found
+
+
+def way_of(last: Array, moving: Array, normal: Array, any_way: bool) -> Array:
+    """Return the unit vector that a contact slides along with a velocity over its surface; see vlmb/core/contacts.py."""
+    kept = last - (last @ normal) * normal
+    size = float(np.linalg.norm(kept))
+    kept = kept / size if size > 0.0 else kept
+    speed = float(np.linalg.norm(moving))
+    return moving / speed if any_way and speed > SLOW and moving @ kept > 0.0 else kept
+
+
+def held_by(point: ContactPoint, footing: Footing, t: float, place: Array, multipliers: Array) -> tuple[Array, Array]:
+    """Return the force (3,) [N] on the mechanism of the rows of a closed contact, and its normal (3,)."""
+    slope = point.surface.at(t, place)[1]
+    return multipliers @ row_vectors(point, footing, slope), slope / float(np.linalg.norm(slope))
+
+
+def force_of(point: ContactPoint, footing: Footing, t: float, place: Array, velocity: Array, multipliers: Array) -> Array:
+    """Return the force (3,) [N] of a closed contact on the mechanism, friction included, with its point at a place."""
+    force, normal = held_by(point, footing, t, place, multipliers)
+    if footing.state == SLIDING and point.contact.slips:
+        moving = velocity - np.array(point.contact.surface_velocity)
+        moving = moving - (moving @ normal) * normal
+        way = way_of(np.array(footing.towards), moving, normal, all(point.names))
+        force = force - point.coefficient * float(force @ normal) * way
+    return force
