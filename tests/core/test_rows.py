@@ -14,6 +14,7 @@ from vlmb.model.coordinates import make_state as pinocchio_state
 from vlmb.model.mechanism import build
 from vlmb.model.tape import compile_tape
 from vlmb.scene.expressions import parse, parse_equation
+from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import load_scene
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.frames import LinkFrames
@@ -27,7 +28,7 @@ MORE = [
 @pytest.mark.parametrize("name", ["skier_slalom", "skier_slalom_whole_body", "more"])
 def test_rows_agree_with_todays_engine(name: str) -> None:
     scene = load_scene(f"models/{'skier_slalom' if name == 'more' else name}.toml")
-    texts = MORE if name == "more" else list(scene.programme.constraints)
+    texts = MORE if name == "more" else [row.equation for row in rows_of(scene).servo]
     mechanism = build(scene)
     rng, layout = np.random.default_rng(1), mechanism.layout
     coordinates = {n: float(scene.start.get(n, 0.3)) + rng.normal(0.0, 0.2) for n in layout.names}
