@@ -381,6 +381,10 @@ def test_all_that_acts_comes_back_from_a_file(engine: str, tmp_path: Path) -> No
         np.testing.assert_array_equal(again.controls[name], values)
     for name, values in found.reactions.items():
         np.testing.assert_allclose(again.reactions[name], values, rtol=1e-12, atol=1e-12)
+    frame = pytest.importorskip("pandas").read_csv(found.save_csv(tmp_path / "run.csv"))
+    for column in ("R_link1.tip.x [N]", "R_link1.tip.z [N]", "friction [N]", "normal [N]", "dissipated [J]"):
+        assert column in frame.columns
+    np.testing.assert_allclose(frame["R_link1.tip.x [N]"], -2.0 * found["link1.tip.x_dot"], rtol=1e-6, atol=1e-9)
 
 
 DRIVEN = {"motion": "prescribed", "law": "0.3 + 0.06*sin(4*t)"}

@@ -226,7 +226,7 @@ class ConstraintSolver:
     def powers(self, v: Array) -> Array:
         """Return the powers [W] of the controls, then of the ideal rows that work, at the last solution."""
         n_controls = self.n_controls
-        powers: Array = self.columns.dot(v)
+        powers: Array = (self.columns + self.apart[:n_controls]).dot(v)
         powers *= self.scaled
         if self.working.size:
             at = self.working + n_controls + 1
