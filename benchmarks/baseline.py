@@ -70,6 +70,21 @@ CHANGED_BEFORE = """
     data["links"][0]["lower"]["stiffness"] = stiffness
     return vlmb.Scene.from_dict(data)
 """
+RUNS = 100
+SWEEP = """
+scene = vlmb.load_scene({scene!r}).changed(run={{"duration": 5.0}})
+def once():
+    table = vlmb.sweep(scene, {{"links.0.lower.stiffness": [300.0 + 1e-3 * k for k in range({runs})]}}, ["psi1:last"])
+    assert set(table["status"].values.tolist()) == {{"finished"}}
+"""
+SWEEP_BEFORE = """
+scene = vlmb.load_scene({scene!r})
+def once():
+    for k in range({runs}):
+        data = scene.to_dict()
+        data["links"][0]["lower"]["stiffness"] = 300.0 + 1e-3 * k
+        assert vlmb.simulate(vlmb.Scene.from_dict(data), duration=5.0)["psi1"][-1] < 0.0
+"""
 LINKS = 1000
 CHAIN = """
 import math
@@ -195,6 +210,8 @@ def measure(repeats: int) -> dict[str, dict[str, float]]:
     }
     ensemble, chain = ENSEMBLE.format(scene=SCENE), CHAIN.format(links=LINKS)
     found["a run of an ensemble: one number changed, 5 s"] = compare(ensemble + CHANGED, ensemble + CHANGED_BEFORE, repeats)
+    sweeps = SWEEP.format(scene=SCENE, runs=RUNS), SWEEP_BEFORE.format(scene=SCENE, runs=RUNS)
+    found[f"{RUNS} runs of a sweep, 5 s, what one ends with kept"] = compare(*sweeps, repeats)
     found[f"one evaluation of {LINKS} links"] = compare(chain + CORE, chain + SUBCHAINS, repeats)
     first = f"import vlmb; vlmb.simulate({SCENE!r}, duration=0.1)"
     found["a process that imports vlmb"] = compare_processes("import vlmb", repeats=repeats)

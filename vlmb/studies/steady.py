@@ -218,8 +218,8 @@ def _solved(chart: Chart, x: Array, hold: Mapping[str, float]) -> tuple[Array, f
             if float(np.linalg.norm(found)) < size:
                 x, error = x + share * step, found
                 break
-        else:
-            break
+        if not float(np.linalg.norm(error)) < (0.5 if size < HELD else 1.0) * size:
+            break  # no step helps, or rounding is what is left
     return x, float(np.abs(error).max(initial=0.0))
 
 
