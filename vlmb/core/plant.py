@@ -13,20 +13,10 @@ from vlmb.core.contacts import add_friction_powers
 from vlmb.core.jit import kernel
 from vlmb.core.links import accelerate
 from vlmb.core.opcodes import Buffers, Tape, make_buffers
-from vlmb.core.quantities import (
-    BETWEEN,
-    CENTRE_OF_MASS,
-    HALF_SQUARE,
-    KIND,
-    POINT,
-    Quantities,
-    add_row,
-    measure,
-    measure_these,
-)
+from vlmb.core.quantities import Quantities, add_row, measure, measure_these
 from vlmb.core.row_arrays import ALONG as OF_CONTROL
 from vlmb.core.row_arrays import PROJECTED, PROJECTION, RowMemory, Rows, make_row_memory, sizes_of, view
-from vlmb.core.row_forces import add_row_powers, push_on, write_apart
+from vlmb.core.row_forces import add_row_powers, push_driven_along, push_on, write_apart
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL, Scratch, make_scratch
 from vlmb.core.sliding import CARVES, FOUND, FRICTION, MASS, MU, PUSH, SAVED, SLIDES, choose, lift_of, weight_carried
@@ -253,32 +243,18 @@ def push_driven(plant: Plant, memory: Memory, y: Array) -> None:
     """Take from the forces on driven lengths what forces at points give them: these move with the lengths."""
     for f in range(plant.force.shape[0]):
         if memory.values[f] != 0.0:
-            push_driven_along(plant, memory, y, plant.force[f, ALONG], memory.values[f])
+            push_driven_along(
+                plant.quantities, plant.force[f, ALONG], memory.values[f], plant.driven, plant.tree, y, memory.given,
+                memory.reference, memory.measured, memory.scratch,
+            )  # fmt: skip
     if plant.rows.table.shape[0] > 0:
         sizes, last = sizes_of(plant.rows), plant.rows.gains.shape[0] - 1
         space, after = view(sizes, memory.rows), 1 + sizes.ideal - sizes.held + sizes.beyond
         for k in range(sizes.controls):
-            push = space.shares[k] * plant.rows.gains[last, k]
-            push_driven_along(plant, memory, y, plant.rows.table[after + k, OF_CONTROL], push)
-
-
-@kernel
-def push_driven_along(plant: Plant, memory: Memory, y: Array, along: int, value: float) -> None:
-    """The same for one force; a quantity's rate grows by its derivative where a length's rate grows by 1 m/s."""
-    kind = plant.quantities.kind[along, KIND]
-    if kind not in (POINT, CENTRE_OF_MASS, BETWEEN, HALF_SQUARE):
-        return
-    given, measured, tree = memory.given, memory.measured, plant.tree
-    measure(plant.quantities, along, tree, y, given, memory.reference, measured)
-    rate = measured[along, 1]
-    for k in range(plant.driven.shape[0]):
-        row, column = plant.driven[k, ROW], plant.driven[k, COLUMN]
-        kept = given[row, column + 1]
-        given[row, column + 1] = kept + 1.0
-        measure(plant.quantities, along, tree, y, given, memory.reference, measured)
-        given[row, column + 1] = kept
-        memory.scratch.rows[row, AXIAL + column // 3] -= value * (measured[along, 1] - rate)
-    measured[along, 1] = rate
+            push_driven_along(
+                plant.quantities, plant.rows.table[after + k, OF_CONTROL], space.shares[k] * plant.rows.gains[last, k],
+                plant.driven, plant.tree, y, memory.given, memory.reference, memory.measured, memory.scratch,
+            )  # fmt: skip
 
 
 @kernel

@@ -7,9 +7,10 @@ from vlmb.core.angles import FINE
 from vlmb.core.contacts import add_friction_apart
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
-from vlmb.core.quantities import Quantities, measure
+from vlmb.core.quantities import BETWEEN, CENTRE_OF_MASS, HALF_SQUARE, KIND, POINT, Quantities, measure
 from vlmb.core.row_arrays import FIRST, STILL, WORK, RowMemory, Rows, Sizes, Space
 from vlmb.core.scalars import NAN
+from vlmb.core.scratch import AXIAL, Scratch
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Integers, Tree
 
@@ -42,6 +43,29 @@ def write_apart(
     for k in range(driven.shape[0] if sizes.sliding > 0 else 0):
         only(driven, k, given, growing)
         add_friction_apart(rows, sizes, space, memory, k, quantities, tree, still, growing, reference, measured)
+
+
+@kernel
+def push_driven_along(
+    quantities: Quantities, along: int, value: float, driven: Integers, tree: Tree, y: Array, given: Array, reference: Array,
+    measured: Array, scratch: Scratch,
+) -> None:  # fmt: skip
+    """Take from the forces on driven lengths what a force along a quantity gives them: its point moves with the lengths.
+
+    The quantity's rate grows by its derivative where a length's rate grows by 1 m/s.
+    """
+    if quantities.kind[along, KIND] not in (POINT, CENTRE_OF_MASS, BETWEEN, HALF_SQUARE):
+        return
+    measure(quantities, along, tree, y, given, reference, measured)
+    rate = measured[along, 1]
+    for k in range(driven.shape[0]):
+        row, column = driven[k, LENGTH], driven[k, COLUMN]
+        kept = given[row, column + 1]
+        given[row, column + 1] = kept + 1.0
+        measure(quantities, along, tree, y, given, reference, measured)
+        given[row, column + 1] = kept
+        scratch.rows[row, AXIAL + column // 3] -= value * (measured[along, 1] - rate)
+    measured[along, 1] = rate
 
 
 @kernel
