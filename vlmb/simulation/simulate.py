@@ -27,7 +27,7 @@ from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.motion import Motion
-from vlmb.simulation.phases import PhasedRun
+from vlmb.simulation.phased_run import PhasedRun
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.simulation.until import read_until

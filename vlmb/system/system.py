@@ -155,8 +155,7 @@ class System:
         """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
         scene = self.mechanism.scene
         made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare))
-        kept = {name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")}
-        made.__dict__.update(kept)
+        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")})
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
         system = make_system(made, self.run, None if bare else self.forces.inputs)
         return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until)

@@ -1,0 +1,144 @@
+"""What is read of contacts at the state that a run in phases has reached."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.scene.contacts import condition_of
+from vlmb.scene.expressions import evaluate
+from vlmb.simulation.motion import Motion
+from vlmb.system.contacts import CLOSED, ContactLook, ContactPoint, Footing, row_vectors
+from vlmb.system.core_engine import CoreEngine
+from vlmb.system.engines import make_engine
+from vlmb.system.forces import Control, StateView
+from vlmb.system.pinocchio_engine import PinocchioEngine
+from vlmb.system.probe import Answers, Probe
+from vlmb.system.system import System
+
+Array = NDArray[np.float64]
+Engine = CoreEngine | PinocchioEngine
+
+
+class PhaseSystems:
+    """The systems of the phases of one run: each set of closed contacts is compiled once."""
+
+    def __init__(self, system: System, engine: str) -> None:
+        self.system, self.engine = system, engine
+        self.made: dict[tuple[str, ...], System] = {}
+
+    def of(self, footings: Sequence[Footing]) -> System:
+        """Return the system of a phase."""
+        if self.engine != "core":
+            return self.system.phase(footings)
+        states = tuple(at.state for at in footings)
+        if states not in self.made:
+            self.made[states] = self.system.phase(footings)
+        return self.made[states].placed(footings)
+
+
+class ContactView:
+    """Places, speeds, forces and answers of contacts at (t, y)."""
+
+    def __init__(
+        self, system: System, y: Array, start: float, branch: Sequence[float], control: Control | None
+    ) -> None:
+        self.system, self.points, self.control = system, system.points, control
+        self.t, self.y, self.branch = start, np.array(y), list(branch)
+        self.systems = PhaseSystems(system, system.engine)
+        self.impulses, self.forces = Probe(system, system.engine, bare=True), Probe(system, system.engine, bare=False)
+        self.works, self.plane = len(system.work_names), system.mechanism.scene.plane
+        self.conditions = [
+            condition_of(p.contact.when, f"contacts[{p.index}].when") if p.contact.when else None for p in self.points
+        ]
+        self.known: dict[tuple[bool, float, bytes], Answers] = {}  # the last ones
+        self.mover: Engine | None = None  # of the phase under way
+
+    def _mover(self, footings: Sequence[Footing]) -> Engine:
+        return make_engine(self.systems.of(footings), self.branch, self.control)
+
+    def _probe(self, probe: Probe, y: Array) -> Answers:
+        key = probe.bare, self.t, y.tobytes()
+        if key not in self.known:
+            given: Sequence[float] = ()
+            if probe.given:
+                mover = self.mover or self._mover([Footing()] * len(self.points))
+                given = mover.inputs_at(self.t, y)
+            self.known = dict([*self.known.items()][-3:])
+            self.known[key] = probe.at(self.t, y, self._branch_at(y), self.works, given)
+        return self.known[key]
+
+    def _branch_at(self, y: Array) -> list[float]:
+        """Return the coordinates of a state, near those of the last sample."""
+        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]))
+        return list(map(float, motion.coordinates[0][0]))
+
+    def _frame(self, k: int) -> Array:
+        """Return the rows across the surface and its normal, (3, 3) or (2, 3) in the plane, where a contact is."""
+        place = self._probe(self.impulses, self.y).jets[k, :3, 0]
+        frame, _ = self.points[k].frame(self.t, place, self.plane)
+        return frame[[0, 2]] if self.plane else frame
+
+    def _gap(self, point: ContactPoint, jet: Array) -> float:
+        """Return the distance [m] from a surface: its value over its slope."""
+        return float(jet[3, 0]) / self._size(point, jet)
+
+    def _size(self, point: ContactPoint, jet: Array) -> float:
+        return point.frame(self.t, jet[:3, 0], self.plane)[1]
+
+    def _local(self, jet: Array, k: int, frame: Array, order: int = 1) -> Array:
+        """Return velocity (order 1) or acceleration (2) of a contact over its surface, across it and away from it."""
+        point = self.points[k]
+        moving = np.array(point.contact.surface_velocity) if order == 1 else np.zeros(3)
+        found = frame @ (jet[:3, order] - moving)
+        found[-1] = jet[3, order] / self._size(point, jet)
+        return found
+
+    def _forces(self, look: ContactLook, footings: Sequence[Footing]) -> dict[int, Array]:
+        """Return friction (2 or 1 rows across) and normal force [N] of closed contacts: (3,) friction x, friction y, normal."""
+        found, at = {}, len(self.system.mechanism.scene.constraints)
+        for point, footing in zip(self.points, footings, strict=True):
+            if footing.state in CLOSED:
+                place = look.jets[point.index, :3, 0]
+                slope = point.surface.at(self.t, place)[1]
+                rows = row_vectors(point, footing, slope)
+                force = look.multipliers[at : at + len(rows)] @ rows
+                at += len(rows)
+                local = self._frame(point.index) @ force
+                flat = np.zeros(2)
+                flat[: len(local) - 1] = local[:-1]
+                found[point.index] = np.array([*flat, local[-1]])
+        return found
+
+    def _view(self, y: Array) -> StateView:
+        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]))
+        return StateView(self.system.mechanism, self.t, motion.postures.sample(0), self.branch)
+
+    def _allows(self, point: ContactPoint, y: Array) -> bool:
+        """Whether a contact's `when` is true, or it has none."""
+        condition = self.conditions[point.index]
+        if condition is None:
+            return True
+        view = self._view(y)
+        return evaluate(condition.expression, {name: view[name] for name in condition.expression.names}) > 0.0
+
+    def _angle_to(self, point: ContactPoint) -> float | None:
+        """Return the elevation [rad] of the link that a contact is a point of."""
+        link = self.system.mechanism.names.links.get(point.contact.point.partition(".")[0])
+        if link is None:
+            return None
+        layout = self.system.mechanism.layout
+        return float(self._view(self.y)[layout.coordinates[layout.place("psi", link)].name])
+
+    def _problem(
+        self, taking: Sequence[int], frames: Mapping[int, Array]
+    ) -> tuple[Array, list[tuple[int, tuple[int, ...]]]]:
+        """Return what takes forces along x, y, z at all contacts to rows across and along the normals of some; and their rows."""
+        size = 2 if self.plane else 3
+        turn, rows = np.zeros((size * len(taking), 3 * len(self.points))), []
+        for at, k in enumerate(taking):
+            turn[size * at : size * at + size, 3 * k : 3 * k + 3] = frames[k]
+            rows.append((size * at + size - 1, tuple(range(size * at, size * at + size - 1))))
+        return turn, rows

@@ -1,0 +1,208 @@
+"""What follows an event of a contact: an impact, and which contacts open, slip and stick from then on.
+
+An impact changes velocities; modes follow from accelerations, never from a step that is tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.model.frozen import read_only
+from vlmb.scene.names import listed
+from vlmb.simulation.contact_view import ContactView
+from vlmb.simulation.phases import Event
+from vlmb.system.cone import Contact, Grip, Refusal, impact, modes
+from vlmb.system.contacts import AWAY, CLOSED, HELD, OPEN, SLIDING, STILL, Footing, footing_at
+from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
+from vlmb.system.events import Event as Watched
+from vlmb.system.probe import Answers
+
+Array = NDArray[np.float64]
+
+GAIN = 1e-9  # of the kinetic energy: what an impact may not add
+
+
+class Outcome(NamedTuple):
+    """What follows an event: how contacts stand, the state, what is told of it (None: nothing), a sentence where the run ends."""
+
+    footings: tuple[Footing, ...]
+    y: Array
+    event: Event | None = None
+    sentence: str = ""
+    happened: frozenset[str] = frozenset()  # as `until` has it: "touch left"
+
+
+class Settling(ContactView):
+    """Finds what follows."""
+
+    def _settled(
+        self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
+        leaving: Mapping[int, Array],
+    ) -> Outcome:  # fmt: skip
+        """Return what follows for the contacts that are closed or touch: an impact where one approaches, then their modes.
+
+        opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones
+        """
+        y, frames = self.y, {k: self._frame(k) for k in near}
+        found = self._probe(self.impulses, y)
+        approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
+        fired = -1 if hit is None or hit.name != TOUCHES else hit.which
+        strikes = [k for k in near if footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired)]
+        taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
+        told: dict[str, Any] = {}
+        if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
+            y, impact_told, refusal = self._impact(found, taking, frames, approach)
+            if refusal:
+                return Outcome(footings, self.y, None, refusal)
+            told = impact_told if strikes else {}
+            found = self._probe(self.impulses, y)
+            approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
+        resting = [k for k in taking if approach[k][-1] <= STILL and k not in opening]
+        states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
+        if refusal:
+            return Outcome(footings, self.y, None, refusal)
+        after = list(footings)
+        for k in near:
+            at, point = footings[k], self.points[k]
+            state, place = states.get(k, OPEN), found.jets[k, :3, 0]
+            if state == OPEN:
+                gap = float(found.jets[k, 3, 0])
+                after[k] = Footing(gap=min(gap, 0.0)) if at.state in CLOSED or k in strikes or k in taking else at
+            elif state == HELD and at.state == HELD:
+                after[k] = at
+            else:
+                ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
+                after[k] = footing_at(point, state, self.t, place, self.plane, (ahead, aside, up))
+        event = self._event(hit, footings, after, strikes, told)
+        return Outcome(tuple(after), y, event, "", self._happened(footings, after, strikes))
+
+    def _happened(self, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]) -> frozenset[str]:
+        """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
+        found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
+        for point, one, other in zip(self.points, before, after, strict=True):
+            if one.state in CLOSED and other.state == OPEN:
+                found.add(f"{OPENS} {point.name}")
+            elif (one.state, other.state) in ((HELD, SLIDING), (SLIDING, HELD)):
+                found.add(f"{SLIPS if other.state == SLIDING else STICKS} {point.name}")
+        return frozenset(found)
+
+    def _event(
+        self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int],
+        told: Mapping[str, Any],
+    ) -> Event | None:  # fmt: skip
+        """Return what is told of an event; nothing at a start without an impact."""
+        if hit is None and not strikes:
+            return None
+        shown = {OPEN: "open", AWAY: "open", HELD: "held", SLIDING: "sliding"}
+        mode = {point.name: shown[at.state] for point, at in zip(self.points, after, strict=True)}
+        changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if one.state != other.state]
+        first = strikes[0] if hit is None else hit.which
+        kind = TOUCHES if strikes else OPENS if hit is None else hit.name
+        if strikes and all(after[k].state == OPEN for k in strikes):
+            kind = BOUNCES
+        if kind == STICKS and after[first].state == SLIDING:
+            kind = SLIPS  # it turns back at once
+        involved = tuple(self.points[k].name for k in dict.fromkeys([first, *strikes, *changed]))
+        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), **told)
+
+    def _impact(
+        self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
+    ) -> tuple[Array, dict[str, Any], str]:
+        """Return the state after an impact, what is told of it, and a sentence where there is none."""
+        turn, rows = self._problem(taking, frames)
+        v = np.concatenate([before[k] for k in taking])
+        matrix = turn @ found.matrix @ turn.T
+        shaped = []
+        for k, (normal, across) in zip(taking, rows, strict=True):
+            point = self.points[k]
+            shaped.append(Contact(normal, (Grip(across, point.at_rest, point.coefficient),), point.contact.restitution))
+        answer = impact(matrix, v, shaped)
+        if isinstance(answer, Refusal):
+            return self.y, {}, self._why_not(answer, taking, "impact")
+        p = turn.T @ answer.p
+        lost = float(-0.5 * answer.p @ (answer.v + v))
+        scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
+        if lost < -GAIN * scale:
+            names = listed([self.points[k].name for k in taking])
+            why = "with friction, different restitutions of contacts that meet at once do not go together; give them the same one"
+            return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
+        y = np.array(self.y)
+        y[len(y) - len(found.moved) :] += found.moved @ p
+        works, first = self.system.work_names, len(y) - self.works
+        y[first + works.index("impacts")] -= lost
+        for k in taking:
+            if self.points[k].moving:
+                force, jet = p[3 * k : 3 * k + 3], found.jets[k]
+                carried = jet[:3, 1] - frames[k].T @ before[k]
+                y[first + works.index(f"surface {self.points[k].name}")] += float(force @ carried)
+        named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
+        return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
+
+    def _modes(
+        self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],
+        leaving: Mapping[int, Array],
+    ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
+        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may."""
+        if not resting:
+            return {}, {}, ""
+        found = self._probe(self.forces, y)
+        turn, rows = self._problem(resting, frames)
+        shaped, known = [], {}
+        for k, (normal, across) in zip(resting, rows, strict=True):
+            point, v = self.points[k], speeds[k][:-1]
+            speed = float(np.linalg.norm(v))
+            hold, sliding = point.at_rest, None
+            if speed > STILL and point.contact.slips:
+                sliding = v / speed
+            elif k in leaving:
+                friction, hold = leaving[k][: len(across)], 0.0
+                if point.at_rest == point.coefficient:  # else what pushes is new, and so is the direction
+                    sliding = -friction / np.linalg.norm(friction)
+            if sliding is not None:
+                known[k] = sliding
+            grip = Grip(across, hold, point.coefficient, None if sliding is None else tuple(sliding.tolist()))
+            shaped.append(Contact(normal, (grip,)))
+        a = np.concatenate([self._local(found.jets[k], k, frames[k], 2) for k in resting])
+        answer = modes(turn @ found.matrix @ turn.T, a, shaped)
+        if isinstance(answer, Refusal):
+            return {}, {}, self._why_not(answer, resting, "motion")
+        states, ways = {}, {}
+        for at, (k, (_, across)) in enumerate(zip(resting, rows, strict=True)):
+            if not answer.closed[at]:
+                states[k] = OPEN
+                continue
+            slides = self.points[k].smooth or answer.slipping[at][0]
+            states[k] = SLIDING if slides else HELD
+            if slides and not self.points[k].smooth:
+                way = known.get(k)
+                if way is None:
+                    moved, push = answer.v[list(across)], answer.p[list(across)]
+                    way = moved / np.linalg.norm(moved) if np.linalg.norm(moved) > 0.0 else -push / np.linalg.norm(push)
+                ways[k] = frames[k][:-1].T @ way
+        return states, ways, ""
+
+    def _why_not(self, refusal: Refusal, taking: Sequence[int], what: str) -> str:
+        """Say why nothing may follow."""
+        if refusal.contact is None:
+            names = listed([self.points[k].name for k in taking])
+            return f"no {what} of the contacts {names} is admissible: none of their modes keeps them out of their surfaces"
+        point = self.points[taking[refusal.contact]]
+        if refusal.why == "prescribed":
+            return (
+                f"contact {point.name!r}: its point meets the surface with a speed that laws prescribe, and no impulse can stop "
+                "it; let the law end softly, or leave the length free"
+            )
+        found, k = self._probe(self.impulses, self.y), taking[refusal.contact]
+        x = found.jets[k, :3, 0]
+        angle = self._angle_to(point)
+        told = f" at {angle:.4g} rad" if angle is not None else ""
+        return (
+            f"contact {point.name!r}{told}: with friction {point.coefficient:g} no {what} is admissible there (Painleve): "
+            f"friction would press the point into the surface at ({', '.join(f'{value:.4g}' for value in x)}) more than it is "
+            "pushed out; take a smaller friction"
+        )
