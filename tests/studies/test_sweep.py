@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -187,6 +188,25 @@ def test_a_killed_study_ends_with_the_same_digest(tmp_path: Path) -> None:
         counts.append(len(list(tmp_path.glob("s/shard-*.npz"))))
     assert counts == sorted(counts) and counts[0] >= 3  # nothing that was done is done again
     assert vlmb.sweep(scene, vary, ["psi1:last"], output=tmp_path / "s", resume=True).attrs["digest"] == whole.attrs["digest"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
+def test_a_killed_worker_costs_no_shard_that_was_done(scene: vlmb.Scene, tmp_path: Path) -> None:
+    vary, folder = {"start.psi1": np.linspace(-0.5, -0.2, 200)}, tmp_path / "s"
+    with ProcessPoolExecutor(1) as pool:
+
+        def kill(done: int, total: int) -> None:
+            if done >= 20:
+                for worker in list(pool._processes):
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(worker, signal.SIGKILL)
+
+        with pytest.raises(StudyError, match="resume = True goes on"):
+            vlmb.sweep(scene, vary, ["psi1:last"], output=folder, executor=pool, progress=kill)
+    there = len(list(folder.glob("shard-*.npz")))
+    assert there >= 10
+    found = vlmb.sweep(scene, vary, ["psi1:last"], output=folder, resume=True)
+    assert found.attrs["digest"] == vlmb.sweep(scene, vary, ["psi1:last"]).attrs["digest"]
 
 
 def test_reductions() -> None:
