@@ -103,6 +103,27 @@ def test_a_deviation_grows_in_a_run_as_its_eigenvalue_says() -> None:
     assert growth == pytest.approx(rate, rel=1e-4)
 
 
+def test_a_turn_is_left_as_its_fastest_mode_says() -> None:
+    ski = {"kind": "ski", "mass": 6.0, "inertia": 0.5}
+    leg = {"name": "legs", "rod": {"length": 0.9, "mass": 50.0}, "lower": {"length": 0.3, "stiffness": 4e4, "damping": 800.0}}
+    scene = vlmb.Scene.from_dict({"base": ski, "links": [leg], "start": {"speed": 7.0, "phi1": math.pi / 2, "psi1": 1.1}})
+    found = vlmb.steady(scene, {"speed": 7.0, "radius": 12.0})
+    linear = vlmb.linearize(found)
+    assert linear.stability == "unstable" and found.residual < 1e-10
+    rate, mode = linear.eigenvalues[0].real, dict(zip(linear.names, linear.modes[:, 0].real, strict=True))
+    heading = found.coordinates["phi0"]
+    start = {k: v for k, v in found.start.items() if k not in ("x_dot", "y_dot")} | {"speed": 7.0}
+    assert abs(linear.eigenvalues[0].imag) == 0.0 and abs(heading) < 1e-12
+    moved = {name: start[name] + 1e-7 * mode.get(name, 0.0) for name in start}
+    t = [0.0, 0.1, 0.4]
+    runs = [vlmb.simulate(scene, start=each, t_eval=t, duration=0.4, rtol=1e-13, atol=1e-15) for each in (start, moved)]
+    shape = [{"phi1": run["phi1"] - run["phi0"], "psi1": run["psi1"]} for run in runs]
+    name = max(("phi1", "psi1"), key=lambda each: abs(mode[each]))
+    apart = np.abs(shape[1][name] - shape[0][name])
+    assert apart[0] == pytest.approx(1e-7 * abs(mode[name]), rel=1e-6)
+    assert math.log(apart[2] / apart[1]) / 0.3 == pytest.approx(rate, rel=1e-4)
+
+
 def test_a_programme_closes_the_loop_with_the_roots_of_its_errors() -> None:
     scene = pendulum(
         start={"psi1": -0.9, "phi1_dot": 0.0},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 
 import vlmb
+from vlmb.cli import main
 from vlmb.errors import SceneError, StudyError, TrajectoryError
 from vlmb.scene.renumbered import renumbered
 from vlmb.studies.ensemble import Ensemble, Task
@@ -135,6 +137,30 @@ def test_a_study_goes_on_where_it_was_and_refuses_another(scene: vlmb.Scene, tmp
         assert [str(text) for text in stored["status"].values.tolist()] == first["status"].values.tolist()
 
 
+def test_the_command_writes_goes_on_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, folder = tmp_path / "one.toml", tmp_path / "out"
+    model.write_text((MODELS / "one_link.toml").read_text().replace("duration = 10.0", "duration = 0.2"))
+    command = ["sweep", str(model), "--vary", "start.psi1=-0.5:-0.3:3", "--vary", f"{STIFFNESS}=250,300", "--keep", "psi1:last"]
+    command += ["energy:max", "--output", str(folder), "--quiet"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "6 runs: 6 finished" in said and str(folder / "table.nc") in said
+    assert main(command) == 1 and "--resume" in capsys.readouterr().err
+    assert main([*command, "--resume", "--workers", "1"]) == 0
+    sampled = ["sweep", str(model), "--vary", "start.psi1=-0.5:-0.3", "--sample", "sobol", "--runs", "4", "--keep", "psi1:last"]
+    assert main([*sampled, "--output", str(tmp_path / "other"), "--quiet"]) == 0 and "4 runs" in capsys.readouterr().out
+    assert main(["sweep", str(model), "--vary", "start.psi1", "--quiet"]) == 1
+    assert "KEY=LOW:HIGH:COUNT" in capsys.readouterr().err
+
+
+def test_the_command_for_steady_motions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["steady", str(MODELS / "spring_pendulum_cone.toml"), "--hold", "psi1=-1.1"]) == 0
+    said = capsys.readouterr().out
+    assert "neutral" in said and "phi1_dot                 4.09932" in said and said.count("eigenvalue") == 5
+    assert main(["steady", str(MODELS / "skier_one_link.toml"), "--speed", "7", "--radius", "15"]) == 1
+    assert "depends on time" in capsys.readouterr().err
+
+
 CLIENT = """
 import sys, vlmb, numpy as np
 scene = vlmb.load_scene(sys.argv[1]).changed(run={"duration": 3.0})
@@ -162,6 +188,25 @@ def test_a_killed_study_ends_with_the_same_digest(tmp_path: Path) -> None:
         counts.append(len(list(tmp_path.glob("s/shard-*.npz"))))
     assert counts == sorted(counts) and counts[0] >= 3  # nothing that was done is done again
     assert vlmb.sweep(scene, vary, ["psi1:last"], output=tmp_path / "s", resume=True).attrs["digest"] == whole.attrs["digest"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
+def test_a_killed_worker_costs_no_shard_that_was_done(scene: vlmb.Scene, tmp_path: Path) -> None:
+    vary, folder = {"start.psi1": np.linspace(-0.5, -0.2, 200)}, tmp_path / "s"
+    with ProcessPoolExecutor(1) as pool:
+
+        def kill(done: int, total: int) -> None:
+            if done >= 20:
+                for worker in list(pool._processes):
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(worker, signal.SIGKILL)
+
+        with pytest.raises(StudyError, match="resume = True goes on"):
+            vlmb.sweep(scene, vary, ["psi1:last"], output=folder, executor=pool, progress=kill)
+    there = len(list(folder.glob("shard-*.npz")))
+    assert there >= 10
+    found = vlmb.sweep(scene, vary, ["psi1:last"], output=folder, resume=True)
+    assert found.attrs["digest"] == vlmb.sweep(scene, vary, ["psi1:last"]).attrs["digest"]
 
 
 def test_reductions() -> None:

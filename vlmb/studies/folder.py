@@ -67,7 +67,8 @@ class StudyFolder:
         return shard if fits and all(len(text) == numbers[1] for text in texts) else None
 
     def write_table(self, table: Any) -> Path:
-        """Write the table as NetCDF."""
+        """Write the table as NetCDF; a slash, which names may not have there, becomes `per`."""
+        table = table.rename({name: name.replace("/", " per ") for name in table.variables if "/" in name})
         with replacing(self.path / TABLE) as beside:
             table.to_netcdf(beside, engine="scipy", format="NETCDF3_64BIT")
         return self.path / TABLE

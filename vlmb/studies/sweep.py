@@ -170,20 +170,19 @@ def _given_out(
             future.add_done_callback(lambda done, index=index: finished.put((index, done)))
             return
 
-    for _ in range(ahead):
-        give()
     try:
+        for _ in range(ahead):
+            give()
         while under_way:
             index, future = finished.get()
             del under_way[index]
+            yield index, Shard(*future.result())
             give()
-            try:
-                yield index, Shard(*future.result())
-            except VlmbError:
-                raise
-            except Exception as error:
-                kept = f"; what is done is in {folder.path}, and resume = True goes on" if folder else ""
-                raise StudyError(f"sweep: a worker failed: {type(error).__name__}: {error}{kept}") from error
+    except (VlmbError, OSError):
+        raise
+    except Exception as error:
+        kept = f"; what is done is in {folder.path}, and resume = True goes on" if folder else ""
+        raise StudyError(f"sweep: a worker failed: {type(error).__name__}: {error}{kept}") from error
     finally:
         for future in under_way.values():
             future.cancel()
