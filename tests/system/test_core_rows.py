@@ -178,6 +178,8 @@ def assert_agreement(system: System, draws: int, bound: float = 1e-9) -> int:
 @pytest.mark.parametrize("name", ON_SKIS)
 def test_shipped_models_agree_in_every_form(name: str, form: str) -> None:
     mechanism = vlmb.build(vlmb.load_scene(MODELS / f"{name}.toml"))
+    if mechanism.scene.base.friction_on == "resultant" and form == "reduction":
+        pytest.skip("friction by the resultant needs the edge force")
     assert assert_agreement(make_system(mechanism, knife_edge=form), 12) > 6
 
 

@@ -318,16 +318,15 @@ def push_driven(plant: Plant, memory: Memory, y: Array) -> None:
             if memory.values[j] != 0.0:
                 total += memory.values[j] * carried(plant, memory, k, plant.force[j, ALONG])
         for j in range(controls_of(plant)):
-            total += control(plant, memory, j) * carried(plant, memory, k, along_control(plant, j))
+            total += control(plant, memory, j) * carried(plant, memory, k, of_control(plant, j, OF_CONTROL))
         memory.scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= total
 
 
 @kernel
 def carried(plant: Plant, memory: Memory, k: int, along: int) -> float:
     """Return the rate of a quantity where driven length k alone grows by 1 m/s; after `write_still`."""
-    return rate_alone(
-        plant.quantities, along, plant.driven, k, plant.tree, memory.rows, memory.given, memory.reference, memory.measured
-    )
+    given, near, out = memory.given, memory.reference, memory.measured
+    return rate_alone(plant.quantities, along, plant.driven, k, plant.tree, memory.rows, given, near, out)
 
 
 @kernel
@@ -337,17 +336,10 @@ def controls_of(plant: Plant) -> int:
 
 
 @kernel
-def along_control(plant: Plant, j: int) -> int:
-    """Return the quantity that a control acts along."""
+def of_control(plant: Plant, j: int, column: int) -> int:
+    """Return the quantity that a control acts along (OF_CONTROL), or its work state (WORK_OF_ROW)."""
     sizes = sizes_of(plant.rows)
-    return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, OF_CONTROL]
-
-
-@kernel
-def work_of_control(plant: Plant, j: int) -> int:
-    """Return the work state of a control."""
-    sizes = sizes_of(plant.rows)
-    return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, WORK_OF_ROW]
+    return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, column]
 
 
 @kernel
@@ -384,10 +376,10 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
     for j in range(controls_of(plant) if plant.size[REACHES] != 0 else 0):
-        state = work_of_control(plant, j)
+        state = of_control(plant, j, WORK_OF_ROW)
         for k in range(plant.driven.shape[0]):
             rate = memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + 1]
-            dy[work + state] += control(plant, memory, j) * carried(plant, memory, k, along_control(plant, j)) * rate
+            dy[work + state] += control(plant, memory, j) * carried(plant, memory, k, of_control(plant, j, OF_CONTROL)) * rate
     if plant.size[LOSS] >= 0:
         dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0] + lost
     return 0
