@@ -11,12 +11,13 @@ from vlmb.core import tree as of
 from vlmb.core.constraints import add_forces, constrain, project
 from vlmb.core.jit import kernel
 from vlmb.core.links import accelerate
+from vlmb.core.losses import segment_losses
 from vlmb.core.opcodes import Buffers, Tape, make_buffers
 from vlmb.core.quantities import Quantities, add_row, measure, measure_these
 from vlmb.core.row_arrays import ALONG as OF_CONTROL
 from vlmb.core.row_arrays import PROJECTED, PROJECTION, RowMemory, Rows, make_row_memory, sizes_of, view
 from vlmb.core.row_arrays import WORK as WORK_OF_ROW
-from vlmb.core.row_forces import add_row_powers, push_on, rate_alone, write_apart, write_still
+from vlmb.core.row_forces import add_row_powers, controls_of, of_control, push_on, rate_alone, write_apart, write_still
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL, Scratch, make_scratch
 from vlmb.core.sliding import CARVES, FOUND, FRICTION, MASS, MU, PUSH, SAVED, SLIDES, choose, lift_of, weight_carried
@@ -317,8 +318,8 @@ def push_driven(plant: Plant, memory: Memory, y: Array) -> None:
         for j in range(plant.force.shape[0]):
             if memory.values[j] != 0.0:
                 total += memory.values[j] * carried(plant, memory, k, plant.force[j, ALONG])
-        for j in range(controls_of(plant)):
-            total += control(plant, memory, j) * carried(plant, memory, k, of_control(plant, j, OF_CONTROL))
+        for j in range(controls_of(plant.rows)):
+            total += control(plant, memory, j) * carried(plant, memory, k, of_control(plant.rows, j, OF_CONTROL))
         memory.scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= total
 
 
@@ -327,19 +328,6 @@ def carried(plant: Plant, memory: Memory, k: int, along: int) -> float:
     """Return the rate of a quantity where driven length k alone grows by 1 m/s; after `write_still`."""
     given, near, out = memory.given, memory.reference, memory.measured
     return rate_alone(plant.quantities, along, plant.driven, k, plant.tree, memory.rows, given, near, out)
-
-
-@kernel
-def controls_of(plant: Plant) -> int:
-    """Return the number of controls of a programme."""
-    return sizes_of(plant.rows).controls if plant.rows.table.shape[0] > 0 else 0
-
-
-@kernel
-def of_control(plant: Plant, j: int, column: int) -> int:
-    """Return the quantity that a control acts along (OF_CONTROL), or its work state (WORK_OF_ROW)."""
-    sizes = sizes_of(plant.rows)
-    return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, column]
 
 
 @kernel
@@ -375,25 +363,12 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         sizes = sizes_of(plant.rows)
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
-    for j in range(controls_of(plant) if plant.size[REACHES] != 0 else 0):
-        state = of_control(plant, j, WORK_OF_ROW)
+    for j in range(controls_of(plant.rows) if plant.size[REACHES] != 0 else 0):
+        state = of_control(plant.rows, j, WORK_OF_ROW)
         for k in range(plant.driven.shape[0]):
             rate = memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + 1]
-            dy[work + state] += control(plant, memory, j) * carried(plant, memory, k, of_control(plant, j, OF_CONTROL)) * rate
+            moved = rate * carried(plant, memory, k, of_control(plant.rows, j, OF_CONTROL))
+            dy[work + state] += control(plant, memory, j) * moved
     if plant.size[LOSS] >= 0:
         dy[work + plant.size[LOSS]] = segment_losses(plant.tree, y) + memory.lost[0] + lost
     return 0
-
-
-@kernel(inline=True)
-def segment_losses(tree: Tree, y: Array) -> float:
-    """Return the power lost in the dampers of free segments, the sum of c a'^2 [W]."""
-    lost = 0.0
-    for i in range(tree.shape[of.LINKS]):
-        at = tree.shape[of.POSITIONS] + tree.link[i, of.AT_V] + 3
-        if tree.link[i, of.LOWER_FREE] != 0:
-            lost += tree.real[i, of.C1] * y[at] * y[at]
-            at += 1
-        if tree.link[i, of.UPPER_FREE] != 0:
-            lost += tree.real[i, of.C2] * y[at] * y[at]
-    return lost

@@ -7,7 +7,7 @@ from vlmb.core.angles import FINE
 from vlmb.core.jit import kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities, measure
-from vlmb.core.row_arrays import FIRST, STILL, WORK, RowMemory, Rows, Sizes, Space
+from vlmb.core.row_arrays import FIRST, STILL, WORK, RowMemory, Rows, Sizes, Space, sizes_of
 from vlmb.core.scalars import NAN
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Integers, Tree
@@ -103,3 +103,16 @@ def add_row_powers(
     after = 1 + sizes.ideal - sizes.held + sizes.beyond
     for k in range(sizes.controls):
         dy[work + rows.table[after + k, WORK]] += space.shares[k] * speed_of(space.columns[k], tree, y)
+
+
+@kernel
+def controls_of(rows: Rows) -> int:
+    """Return the number of controls of a programme."""
+    return sizes_of(rows).controls if rows.table.shape[0] > 0 else 0
+
+
+@kernel
+def of_control(rows: Rows, j: int, column: int) -> int:
+    """Return the quantity that a control acts along (ALONG), or its work state (WORK)."""
+    sizes = sizes_of(rows)
+    return rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, column]
