@@ -260,3 +260,10 @@ def test_until_ends_a_run(engine):
         vlmb.simulate(ball, until="touch foot")
     with pytest.raises(vlmb.SceneError, match="no such event"):
         vlmb.simulate(ball, until="tuch base")
+
+
+def test_figures_and_tables_show_forces_of_contacts():
+    run = vlmb.simulate(mass({"friction": 0.3, "restitution": 0.5}, {"x_dot": 1.0, "z": 0.2}, duration=0.5))
+    figure = vlmb.plots.reactions(run)
+    assert "contact force [N]" in [ax.get_ylabel() for ax in figure.axes]
+    assert list(run.controls) == [] and set(run.work_by_force) == {"friction base", "impacts"}

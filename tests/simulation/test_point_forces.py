@@ -421,3 +421,18 @@ def test_a_driven_length_carries_what_acts_at_points_beyond_it(name: str, base: 
     for force in ("F1_1", "F2_2"):
         theirs = other.controls[force]
         np.testing.assert_allclose(core.controls[force], theirs, rtol=0, atol=1e-7 * np.abs(theirs).max())
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+@pytest.mark.parametrize("spring", [True, False])
+def test_a_force_beyond_a_driven_length_is_in_its_account(engine: str, spring: bool) -> None:
+    driven = {"motion": "prescribed", "law": "0.2 + 0.05*sin(9*t)"}
+    acting = {"springs": [{"between": ["leg.tip", [1.0, 0.0, 0.5]], "stiffness": 30.0}]} if spring else {
+        "forces": [{"at": "leg.tip", "force": ["3", "0", "5"]}]
+    }
+    made = vlmb.Scene.from_dict({
+        "plane": True, "base": {"kind": "free", "mass": 2.0}, "start": {"psi1": -1.2, "x_dot": 1.0},
+        "links": [{"name": "leg", "lower": driven, "rod": {"length": 1.0, "mass": 1.0}}], **acting,
+    })
+    run = vlmb.simulate(made, 0.5, rtol=1e-11, atol=1e-12, engine=engine)
+    assert np.abs(run["balance"]).max() < 1e-9 and abs(run.work_by_force["F1_1"][-1]) > 0.1

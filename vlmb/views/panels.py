@@ -89,6 +89,15 @@ def mapped_reader(mapping: str, name: str) -> Callable[[Trajectory], Array | Non
     return read
 
 
+def contact_reader(name: str) -> Callable[[Trajectory], Array | None]:
+    """Read the size of the force of a contact."""
+
+    def read(run: Trajectory) -> Array | None:
+        return np.asarray(np.linalg.norm(run.reactions[name], axis=1)) if name in set(run.reactions) else None
+
+    return read
+
+
 def hinge_reader(link: str) -> Callable[[Trajectory], Array | None]:
     """Read the size of the force in a link's hinge."""
 

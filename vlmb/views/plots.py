@@ -19,6 +19,7 @@ from vlmb.views.panels import (
     Panel,
     all_coordinates,
     colour_number,
+    contact_reader,
     hinge_reader,
     mapped_reader,
     reader,
@@ -127,7 +128,8 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     runs = listed(trajectory)
     names = list(dict.fromkeys(name for run in runs for name in run.reactions))
     moments = [name for name in names if name.endswith("_moment")]
-    others = [name for name in names if name not in ("knife_edge", "normal", *moments)]
+    contacts = list(dict.fromkeys(contact.name for run in runs for contact in run.scene.contacts))
+    others = [name for name in names if name not in ("knife_edge", "normal", *moments, *contacts)]
 
     def lines(which: Iterable[str]) -> list[Series]:
         return [
@@ -140,6 +142,8 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     panels += [("normal force [N]", lines(["normal"]))] if "normal" in names else []
     panels += [("moments of the snow\n[N m]", lines(moments))] if moments else []
     panels += [("reactions\n[N, N m]", lines(others))] if others else []
+    forces = [Series(name, i, contact_reader(name)) for i, name in enumerate(contacts)]
+    panels += [("contact force [N]", forces)] if forces else []
     links = list(dict.fromkeys(link.name for run in runs for link in run.scene.links))
     panels += [("hinge force [N]", [Series(name, i, hinge_reader(name)) for i, name in enumerate(links)])] if links else []
     if not panels:
