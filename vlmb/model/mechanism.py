@@ -121,9 +121,11 @@ class Mechanism(Remade, Displayed):
 def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
     """Generate the mechanism of a scene: of a Scene, the path of a scene file or a dict with its keys.
 
-    Raises SceneError where the scene has a motion without mass.
+    Raises SceneError where the scene has a motion without mass, and for one with robots.
     """
     scene = as_scene(scene)
+    if scene.robots:
+        raise SceneError("robots: this is there for scenes of links alone; of robots there are simulate, check and build")
     builder = _Builder(scene)
     return Mechanism(scene, tuple(builder.parts), builder.layout(), tuple(builder.left_out), tuple(builder.warnings))
 

@@ -40,7 +40,7 @@ def why_not(name: str) -> str:
     return f"{name} is {kind}, a result: laws and equations may not name forces, reactions or energies, which follow from them"
 
 
-def check_names(links: Iterable[Link], rows: SceneRows, data: Sequence[str] = ()) -> None:
+def check_names(links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), robots: Sequence[str] = ()) -> None:
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 
     Rows without a name may repeat each other: they are the same equation.
@@ -58,6 +58,8 @@ def check_names(links: Iterable[Link], rows: SceneRows, data: Sequence[str] = ()
         take(link.name, f"links[{index}]", f"links[{index}].name = {link.name!r}")
     for index, name in enumerate(data):
         take(name, f"data[{index}]", f"data[{index}].name = {name!r}")
+    for index, name in enumerate(robots):
+        take(name, f"robots[{index}]", f"robots[{index}].name = {name!r}")
     for row in (*rows.ideal, *rows.servo, *rows.secondary):
         if not row.named:
             continue

@@ -9,18 +9,19 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
+from vlmb.model.building import build
 from vlmb.model.laws import law_breaks, law_jump
-from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import fits
 from vlmb.model.names import counted
-from vlmb.scene.scene import Scene, as_scene
+from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
@@ -33,6 +34,9 @@ from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
+
+if TYPE_CHECKING:
+    from vlmb.simulation.robot_run import CheckedRobots
 
 Array = NDArray[np.float64]
 
@@ -93,6 +97,10 @@ def simulate(
     )  # fmt: skip
     times = _sample_times(run, t_eval, t0)
     with interrupts.held():
+        if not isinstance(mechanism, Mechanism):
+            from vlmb.simulation.robot_run import simulate_robots
+
+            return simulate_robots(mechanism, run, times, control, start, t0, progress)
         return _simulated(mechanism, run, times, control, start, t0, progress)
 
 
@@ -204,14 +212,18 @@ class Checked(NamedTuple):
         return f"{self.scene.name}: {self.report}"
 
 
-def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
+def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked | CheckedRobots:
     """Do everything that comes before a run; raise what a run would.
 
     Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with
     `degrees_of_freedom` and `notes`; one of these tells how a programme is stable and controllable.
     """
-    scene = as_scene(scene)
     mechanism = build(scene)
+    if not isinstance(mechanism, Mechanism):
+        from vlmb.simulation.robot_run import check_robots
+
+        return check_robots(mechanism)
+    scene = mechanism.scene
     require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
     start = consistent_start(system)
