@@ -74,6 +74,8 @@ def assemble(scene: Scene) -> Robots:
         where = frame_id(model, scene, "ski" if root.parent == BASE and scene.base.kind == "ski" else root.parent, "links")
         model, reference = _append(model, reference, sub, lengths, where, root.anchor if root.parent == BASE else None)
         links += [(name, numbers[name]) for name in names]
+    if not model.nv:
+        raise SceneError("robots: nothing of this scene moves: no joint does; attach a robot with root = 'free', or unlock joints")
     if not model.check(model.createData()):
         raise SceneError("internal: joints are not depth-first; mass matrices would be wrong")  # pragma: no cover
     names = tuple(robot.name for robot in scene.robots)
@@ -86,13 +88,25 @@ def assemble(scene: Scene) -> Robots:
 def wrapped(model: Any, name: str) -> Robots:
     """Return a model that was made elsewhere; its joints and frames keep their names."""
     model = pin.Model(model)
-    for at in range(1, model.njoints):
-        if not model.names[at].startswith(f"{name}."):
-            model.names[at] = f"{name}.{identifier(model.names[at])}"
-    for frame in model.frames:
-        frame.name = f"{name}.{identifier(frame.name)}"
+    _rename(model, name)
     return Robots(model, (name,), (None,), frame_names(model, (Robot(name=name, urdf="<robot/>"),)), pin.neutral(model),
                   frozenset(), (), ())  # fmt: skip
+
+
+def _rename(model: Any, robot: str) -> None:
+    """Put a robot's name before its joints and frames; a link keeps its name where a joint has the same."""
+    for at in range(1, model.njoints):
+        model.names[at] = f"{robot}.{identifier(model.names[at])}"
+    links = {identifier(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
+    taken: set[str] = set()
+    for frame in model.frames:
+        name = identifier(frame.name)
+        if frame.type != pin.FrameType.BODY and name in links:
+            name += "_of_joint"
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        frame.name = f"{robot}.{name}"
 
 
 def _number(entry: tuple[str, int]) -> int:
@@ -116,7 +130,9 @@ def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str
             raise SceneError(f"{key}.locked: no joint {name!r:.80}; {nearest(name, list(model.names)[1:])}")
         locked.append(model.getJointId(name))
     notes = [f"{robot.name}: {len(locked)} joints are locked"] if locked else []
-    for what, names in (("damping and friction", text.rubbed), ("the tie of joints that mimic others", text.mimicking)):
+    told_of = (("damping and friction", text.rubbed), ("the tie of joints that mimic others", text.mimicking))
+    for what, every in told_of:
+        names = [name for name in every if model.existJointName(name) and name not in robot.locked]
         if names:
             notes.append(f"{robot.name}: {what} of the URDF ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})")
     if locked:
@@ -129,10 +145,7 @@ def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str
     inertias = np.array([inertia.mass for inertia in model.inertias])
     if not np.isfinite(inertias).all() or (inertias < 0.0).any():
         raise SceneError(f"{key}.urdf: a mass of it is negative or not finite")
-    for at in range(1, model.njoints):
-        model.names[at] = f"{robot.name}.{identifier(model.names[at])}"
-    for frame in model.frames:
-        frame.name = f"{robot.name}.{identifier(frame.name)}"
+    _rename(model, robot.name)
     return model, posture, {f"{robot.name}.{identifier(name)}" for name in told}, notes
 
 
