@@ -80,7 +80,7 @@ def _checked(text: str, key: str, folder: Path | None, root: Path | None, about:
     tree = parse_xml(text, key)
     if tree.tag != "robot":
         raise SceneError(f"{key}: its first element is <{tree.tag[:40]}>; a URDF has <robot>")
-    if re.search(r"<\s*xacro:", text):
+    if re.search(r"<\s*xacro:", re.sub(r"(?s)<!--.*?-->", "", text)):
         raise SceneError(f"{key}: has xacro in it, which is not run: write its URDF first (xacro robot.xacro > robot.urdf)")
     tree.set("name", tree.get("name") or "robot")
     endless, mimicking, rubbed = [], [], []
