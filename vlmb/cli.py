@@ -19,9 +19,11 @@ from vlmb._version import __version__
 from vlmb.equations import matrices
 from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
-from vlmb.model.mechanism import build
+from vlmb.model.building import build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
+from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.simulation.files import replacing, write_text
 from vlmb.simulation.keeping import ended_by_signals, keep
@@ -38,7 +40,8 @@ from vlmb.views.live import Live
 from vlmb.views.page import page
 from vlmb.views.stills import animation, frames, save_still
 from vlmb.views.terminal import parsed, printable
-from vlmb.views.visual_model import Scenery, of_trajectory
+from vlmb.views.sceneries import of_trajectory
+from vlmb.views.visual_model import Scenery
 
 OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "engine", "max_step")  # of `vlmb run`
 
@@ -213,6 +216,8 @@ def _advance(bar: Any, t: float) -> None:
 def _info(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     mechanism = build(scene)
+    if not isinstance(mechanism, Mechanism):
+        return _info_of_robots(mechanism)
     layout, free = mechanism.layout, Checked(mechanism, consistent_start(make_system(mechanism))).degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
     print(f"  coordinates         {len(layout.names)}: {' '.join(layout.names)}")
@@ -231,6 +236,21 @@ def _info(args: argparse.Namespace) -> int:
         print(f"  warning             {entry}")
     for column in mechanism.signals.columns:
         print(f"  data                {column.report}")
+    return 0
+
+
+def _info_of_robots(mechanism: Any) -> int:
+    """Print the same of a scene with robots."""
+    scene, names, checked = mechanism.scene, mechanism.names, check(mechanism)
+    print(f"{scene.name}: {scene.base.kind} base, {mechanism.facts}")
+    print(f"  coordinates         {len(names.index)}")
+    for quantity in names.coordinates:
+        print(f"    {quantity.name:<28s} {quantity.unit:<4s} {names.meaning(quantity)}")
+    print(f"  degrees of freedom  {checked.degrees_of_freedom}")
+    print(f"  state               {mechanism.model.nq} positions, {mechanism.model.nv} velocities")
+    print(f"  frames              {len(mechanism.model.frames)}: {listed([name for name in mechanism.frames if name != 'universe'])}")
+    for entry in mechanism.left_out or ("nothing",):
+        print(f"  left out            {entry}")
     return 0
 
 

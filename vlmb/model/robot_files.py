@@ -167,3 +167,80 @@ def postures_of(robot: RobotText) -> dict[str, dict[str, tuple[float, ...]]]:
             }
             found.setdefault(state.get("name", ""), values)
     return found
+
+
+class Drawn(NamedTuple):
+    """A shape of a URDF's link: a box, cylinder or sphere by its sizes [m], or a mesh file."""
+
+    link: str
+    kind: str  # box | cylinder | sphere | mesh
+    sizes: tuple[float, ...]  # of a mesh its scales
+    place: tuple[float, ...]  # x y z [m] roll pitch yaw [rad] in the link's frame
+    colour: str  # #rrggbb, "" where the URDF tells none
+    file: Path | None = None
+
+
+def drawn_shapes(urdf: str) -> list[Drawn]:
+    """Return what a URDF draws: its visuals, of links without any their collision shapes. Raises SceneError as `read_robot`.
+
+    A mesh that is not there, or not below the folder that it may be in, is left out.
+    """
+    robot = read_robot(urdf, "urdf")
+    text = str.__str__(urdf) if not robot.about else (robot.root or Path()).joinpath(robot.about).read_text("utf-8", "replace")
+    tree = parse_xml(text, "urdf")
+    named = {entry.get("name", ""): _colour(entry) for entry in tree.findall("material")}
+    found: list[Drawn] = []
+    for link in tree.findall("link"):
+        for what in ("visual", "collision"):
+            shapes = [_drawn(link.get("name", ""), shape, robot, named) for shape in link.findall(what)]
+            found += [shape for shape in shapes if shape is not None]
+            if any(shapes):
+                break
+    return found
+
+
+def _colour(material: ElementTree.Element | None) -> str:
+    colour = None if material is None else material.find("color")
+    numbers = [] if colour is None else [_number(part) for part in colour.get("rgba", "").split()]
+    if len(numbers) < 3 or not all(0.0 <= value <= 1.0 for value in numbers[:3]):
+        return ""
+    return "#" + "".join(f"{round(255 * value):02x}" for value in numbers[:3])
+
+
+def _drawn(link: str, shape: ElementTree.Element, robot: RobotText, named: dict[str, str]) -> Drawn | None:
+    material, origin, geometry = shape.find("material"), shape.find("origin"), shape.find("geometry")
+    colour = _colour(material) or named.get("" if material is None else material.get("name", ""), "")
+    place = [0.0] * 6
+    if origin is not None:
+        for at, key in ((0, "xyz"), (3, "rpy")):
+            numbers = [_number(part) for part in origin.get(key, "0 0 0").split()]
+            if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+                return None
+            place[at : at + 3] = numbers
+    for kind, keys in (("box", ("size",)), ("cylinder", ("length", "radius")), ("sphere", ("radius",)), ("mesh", ("scale",))):
+        made = None if geometry is None else geometry.find(kind)
+        if made is None:
+            continue
+        texts = " ".join(made.get(key, "1 1 1" if kind == "mesh" else "nan") for key in keys)
+        sizes = tuple(_number(part) for part in texts.split())
+        if not all(0.0 < abs(size) < 1e6 for size in sizes):
+            return None
+        file = mesh_file(made.get("filename", ""), robot) if kind == "mesh" else None
+        return None if kind == "mesh" and file is None else Drawn(link, kind, sizes, tuple(place), colour, file)
+    return None
+
+
+def mesh_file(name: str, robot: RobotText) -> Path | None:
+    """Return a mesh of a URDF below the folder that its files must be in; None where there is none."""
+    if robot.root is None or robot.folder is None or "\0" in name:
+        return None
+    plain = name.removeprefix("package://").removeprefix("model://").removeprefix("file://")
+    if not plain or Path(plain).is_absolute() or ".." in Path(plain).parts or "://" in plain:
+        return None
+    parts = Path(plain).parts
+    if name.startswith("package://"):
+        tries = [robot.root.joinpath(*parts[k:]) for k in range(min(3, len(parts)))]
+    else:
+        tries = [robot.folder / plain, robot.root / plain]
+    root = robot.root.resolve()
+    return next((path for path in tries if path.is_file() and path.resolve().is_relative_to(root)), None)

@@ -21,8 +21,9 @@ from vlmb.scene.scene import Scene
 from vlmb.simulation.simulate import check, run_options, simulate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import facts, packed, page
+from vlmb.views.sceneries import of_samples, of_state, of_trajectory
 from vlmb.views.view import FPS, View, serve
-from vlmb.views.visual_model import Scenery, of_samples, of_state, of_trajectory
+from vlmb.views.visual_model import Scenery
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,8 @@ from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import page
 from vlmb.views.stills import Shot, still
-from vlmb.views.visual_model import Scenery, of_state, of_trajectory
+from vlmb.views.sceneries import of_state, of_trajectory
+from vlmb.views.visual_model import Scenery
 
 if TYPE_CHECKING:
     from PIL.Image import Image
