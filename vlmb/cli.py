@@ -22,6 +22,7 @@ from vlmb.errors import VlmbError
 from vlmb.model.building import build
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import data_bytes
+from vlmb.model.mjcf import left_behind, mjcf
 from vlmb.model.names import counted
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, load_scene
@@ -109,7 +110,29 @@ def make_parser() -> argparse.ArgumentParser:
     plot.add_argument("runs", nargs="*", help="stored runs (.npz)")
     plot.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
     plot.add_argument("-o", "--output", type=Path, default=Path("plots"), help="folder for the pictures")
+    what = "write a scene as MJCF, which MuJoCo reads: vlmb convert scene.toml scene.xml"
+    converted = command("convert", what, _convert)
+    converted.add_argument("source", help="scene file (.toml)")
+    converted.add_argument("target", type=Path, help="file to write (.xml)")
     return parser
+
+
+def _convert(args: argparse.Namespace) -> int:
+    if args.target.suffix == ".xml":
+        return _to_mjcf(args.source, args.target)
+    raise VlmbError(f"convert: {args.source} to {args.target}: a scene (.toml) becomes MJCF (.xml)")
+
+
+def _to_mjcf(source: str, target: Path) -> int:
+    """Write a scene of links as MJCF, at its start."""
+    mechanism, start = check(load_scene(source))
+    if not isinstance(mechanism, Mechanism):
+        raise VlmbError(f"{source}: MJCF is written of scenes of links; of a robot there is its URDF, which MuJoCo reads")
+    write_text(target, mjcf(mechanism, start.state))
+    for sentence in left_behind(mechanism):
+        print(f"  note  {sentence}")
+    print(f"wrote {target}")
+    return 0
 
 
 def _run(args: argparse.Namespace) -> int:

@@ -14,12 +14,11 @@ from vlmb.views.shapes import Mesh
 Array = NDArray[np.float64]
 
 MAX_BYTES = 60_000_000
-FACES = 1400  # of a mesh that is drawn, at most
 FORMATS = (".stl", ".dae", ".obj")
 
 
-def load_mesh(path: Path, scale: tuple[float, ...]) -> Mesh | None:
-    """Read a mesh [m], with few faces; None where it cannot be read."""
+def load_mesh(path: Path, scale: tuple[float, ...], most: int) -> Mesh | None:
+    """Read a mesh [m], with so many faces at most; None where it cannot be read."""
     if path.suffix.lower() not in FORMATS or path.stat().st_size > MAX_BYTES:
         return None
     try:
@@ -31,7 +30,7 @@ def load_mesh(path: Path, scale: tuple[float, ...]) -> Mesh | None:
         return None
     factors = np.array(scale if len(scale) == 3 else (scale[0],) * 3)
     faces = mesh.faces[:, ::-1] if factors.prod() < 0.0 else mesh.faces
-    return simplified(Mesh(mesh.vertices * factors, faces), FACES)
+    return simplified(Mesh(mesh.vertices * factors, faces), most)
 
 
 def _read_stl(path: Path) -> Mesh | None:

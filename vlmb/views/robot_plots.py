@@ -40,7 +40,7 @@ def _figures(run: RobotTrajectory) -> dict[str, Figure]:
         found["energy"] = _lines(run, {name: run[name] for name in ENERGIES if name != "balance"}, "energy [J]")
         if run.controls:
             limits = {name.partition(":")[2]: share for name, share in run.shares.items() if name.startswith("effort:")}
-            found["controls"] = _lines(run, _shares(run.controls, limits), "controls, over the limits of the URDF where it tells one")
+            found["controls"] = _lines(run, _shares(run.controls, limits), "controls / limits of the URDF")
         errors = {f"{name}{end}": values for name, residual in run.residuals.items()
                   for end, values in (("", residual.position), ("'", residual.velocity)) if values is not None}  # fmt: skip
         if errors:

@@ -26,6 +26,7 @@ PLAIN = "#b9c0c8"  # where a URDF tells no colour
 BOXED = "#8fa3b8"  # boxes of inertia
 WIDE = 4.0  # of a board, times a ski
 TRAIL_SECONDS = 2.0
+FACES = 50_000  # of all meshes of a robot
 
 
 class Seen:
@@ -73,7 +74,7 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
             turns[joint, i], places[joint, i] = data.oMi[joint].rotation, data.oMi[joint].translation
         for name, values in points.items():
             values[i] = data.oMf[mechanism.frames[name]].translation
-    size = max(1e-3, float(np.ptp(places[:, 0], axis=0).max()))
+    size = max(1e-3, float(np.ptp(places[1:, 0], axis=0).max()))
     bodies: list[Body] = []
     on_ski = scene.base.kind == "ski"
     if on_ski:
@@ -97,10 +98,10 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
         last = max(range(model.njoints), key=lambda joint: float(np.ptp(places[joint], axis=0).max()))
         trail = shapes.Lines(np.stack([places[last][:-1], places[last][1:]], axis=1))
         bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
-    everything = np.concatenate([np.moveaxis(places, 0, 1), *(values[:, None] for values in points.values())], axis=1)
+    moves = on_ski or bool(mechanism.roots)
+    everything = np.concatenate([np.moveaxis(places[1:] if moves else places, 0, 1), *(values[:, None] for values in points.values())], axis=1)
     ground = draw_ground(everything, size, "ski" if on_ski else "pivot")
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
-    moves = on_ski or bool(mechanism.roots)
     focus = smooth(centre) if moves else np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape)
     radius = float(np.linalg.norm(everything - focus[:, None], axis=2).max()) + 0.2 * size
     return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), radius)
@@ -117,11 +118,12 @@ def _parts(mechanism: RobotMechanism, number: int) -> dict[int, dict[str, Mesh]]
         except SceneError:
             drawn = []
     loaded: dict[tuple[Any, ...], Mesh | None] = {}
+    most = int(np.clip(FACES / max(1, sum(shape.kind == "mesh" for shape in drawn)), 500, 4000))
     for shape in drawn:
         frame = mechanism.frames.get(f"{robot.name}.{identifier(shape.link)}")
         key = (shape.kind, shape.sizes, shape.file)
         if key not in loaded:
-            loaded[key] = _mesh(shape)
+            loaded[key] = _mesh(shape, most)
         mesh = loaded[key]
         if frame is None or mesh is None:
             continue
@@ -146,7 +148,7 @@ def inertia_box(inertia: Any) -> Mesh:
     return Mesh(made.vertices @ axes.T + inertia.lever, made.faces, True)
 
 
-def _mesh(shape: Drawn) -> Mesh | None:
+def _mesh(shape: Drawn, most: int) -> Mesh | None:
     """Return a shape as triangles in its own frame."""
     if shape.kind == "box" and len(shape.sizes) == 3:
         return box(*shape.sizes)
@@ -157,4 +159,4 @@ def _mesh(shape: Drawn) -> Mesh | None:
         lying = shapes.tube(radius)
         x, y, z = lying.vertices.T
         return Mesh(np.column_stack([-z, y, (x - 0.5) * length]), lying.faces, True)
-    return load_mesh(shape.file, shape.sizes) if shape.file is not None else None
+    return load_mesh(shape.file, shape.sizes, most) if shape.file is not None else None
