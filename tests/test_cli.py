@@ -14,8 +14,7 @@ import pytest
 
 import vlmb
 from tests.small_scenes import FIXED, PIVOT, SKI, Table, link, write_toml
-from vlmb import cli
-from vlmb.cli import main
+from vlmb.cli import main, run
 
 COMMANDS = ("run", "info", "check", "matrices", "plot", "view")
 ONE: Table = {
@@ -229,13 +228,11 @@ def test_a_run_that_fails_keeps_its_files_and_says_so(here: Path, capsys: pytest
 def test_an_interrupt_keeps_what_was_computed(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import vlmb.cli
-
     def interrupting(bar: Any, t: float) -> None:
         if t > 0.1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(vlmb.cli, "_advance", interrupting)
+    monkeypatch.setattr(run, "_advance", interrupting)
     assert main(["run", "one.toml", "--no-plots", "--quiet"]) == 1
     assert "interrupted at t = 0.1" in capsys.readouterr().out
     assert vlmb.load_trajectory(here / "results" / "one" / "run.npz").status == "interrupted"
@@ -412,7 +409,7 @@ def test_output_into_a_closed_pipe_is_no_error(here: Path) -> None:
 def test_a_folder_that_cannot_be_made_is_refused_before_the_run(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "file").write_text("in the way")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cli, "simulate", lambda *_, **__: pytest.fail("the run had begun"))
+        patch.setattr(run, "simulate", lambda *_, **__: pytest.fail("the run had begun"))
         fails(capsys, "run", "skier.toml", "--quiet", "-o", "file/below")
 
 

@@ -91,7 +91,7 @@ WRONG_VALUES: dict[str, tuple[Any, tuple[str, ...]]] = {
     "text for a start value": (table(start={"psi1": "up"}), ("start.psi1", "'up'")),
     "text for a parameter": (table(parameters={"A": "x"}), ("parameters.A", "'x'")),
     "text for a weight": (
-        table(programme={**PROGRAMME, "weights": {"M_psi1": "x"}}), ("programme.weights.M_psi1", "'x'")
+        table(programme={**PROGRAMME, "weights": {"M_psi1": [1.0]}}), ("programme.weights.M_psi1", "[1.0]")
     ),
     "no such kind": (table({"kind": "ground"}), ("base.kind", "'ground'", "pivot, ski, free")),
     "no such motion": (with_lower(length=0.1, motion="loose"), ("links[0].lower.motion", "'loose'", "free, fixed, prescribed")),

@@ -70,6 +70,22 @@ CASES: dict[str, vlmb.Scene] = {
             "k": [[-6.0, 0.2], [0.1, -2.0]],
         },
     ),
+    "gains, weights and u0 of the motion": scene(
+        SKI, THREE[:2], parameters={"w": 3.0}, constraints=["phi2 = phi1"],
+        programme={
+            "constraints": ["psi1 = 1.0", "speed = 2", "com.z = 0.9"], "controls": ["M_psi1", "F_x", "F1_1", "M_psi2"],
+            "h": [["-w**2 - psi1**2", 0.5], ["0.1*sin(t)", "0.2*xi1_1"], [0.5, "-9 - speed**2"]],
+            "k": [[-6.0, "0.2*psi1_dot", 0.0], [0.1, "-2 - cos(t)", 0.0], ["w", 0.0, "-2*w"]],
+            "weights": {"F_x": 0.01, "M_psi1": "1e-6*(2 + sin(psi1_dot))", "M_psi2": "1e-5*exp(-t)"}, "u0": "1e-4*psi1 - 1e-5*t",
+        },
+    ),
+    "a border": scene(
+        SKI, THREE[:2],
+        programme=programme(
+            ["psi1 = 1.0", "com.z = 0.9"], ["M_psi1", "M_psi2", "F1_1", "M_phi0", "F2_1"], u0="1e-3*(psi2_dot + 2)",
+            border=[[1.0, "0.1*psi1", 0, 0, "t"], [0, 1, 0.2, "xi1_1", -1]], weights={"F1_1": "1e-5 + 1e-6*speed**2"},
+        ),
+    ),
     "rows in the plane of a ski": scene(
         SKI, THREE, plane=True, slope=0.2,
         constraints=["b.tip.z = 1.0 + 0.1*sin(2*t)", "c.tip.y - x = 0.6", "psi3 = 2*psi1 + 0.1*t"],

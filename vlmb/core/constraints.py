@@ -18,11 +18,15 @@ from vlmb.core.programme import UNMET, copy, solve_programme
 from vlmb.core.quantities import Quantities, add_row_here
 from vlmb.core.row_arrays import (
     ALONG,
+    BEHIND,
+    COLUMN,
     COUPLED,
     FIRST,
     FORM,
-    FREE,
+    OF_ROW,
     PROJECTION,
+    ROOT,
+    VARYING,
     WORTH,
     RowMemory,
     Rows,
@@ -45,7 +49,7 @@ SIDEWAYS = 1  # place of the sideways velocity of a base that may slide
 NEARLY = 0.1  # of the largest error: rows with one above it are named
 
 # Codes: what is wrong, and with which rows or controls, as bits.
-NO_VALUE, NO_DIRECTION, EMPTY_ROWS, CONTRADICTING, OUT_OF_REACH = range(1, 6)
+NO_VALUE, NO_DIRECTION, EMPTY_ROWS, CONTRADICTING, OUT_OF_REACH, NO_GAIN = range(1, 7)
 KIND = 1 << 36  # a code is kind * KIND + bits; what is beyond the bits is left out
 MOST = 35
 
@@ -64,7 +68,11 @@ def constrain(
     code = write_lines(rows, sizes, space, tape, buffers, quantities, tree, y, given, reference, memory.lines)
     if code != 0:
         return code
-    write_wanted(rows, sizes, space, tree, y)
+    if rows.table[0, BEHIND] > 0:
+        code = check_behind(rows, sizes, tape, buffers)
+        if code != 0:
+            return code
+    write_wanted(rows, sizes, space, tape, buffers, tree, y)
     write_moved(sizes, space, tree, y, dy, scratch)
     if sizes.ideal > 0:
         code = eliminate_ideal(sizes, space)
@@ -72,9 +80,7 @@ def constrain(
             return code
     if sizes.beyond > 0:
         write_matrix(sizes, space)
-        free = rows.table[0, FREE]
-        u0 = buffers.slots[tape.root[free], 0] / product_of_scales(rows, sizes) if free >= 0 else 0.0
-        if not solve_programme(sizes, space, u0):
+        if not solve_programme(rows, sizes, space, memory, tape, buffers):
             return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
     write_multipliers(sizes, space)
     first = tree.shape[of.POSITIONS]
@@ -146,17 +152,22 @@ def write_lines(
     return NO_DIRECTION * KIND + astray if astray != 0 else 0
 
 
-@kernel(inline=True)
-def product_of_scales(rows: Rows, sizes: Sizes) -> float:
-    """Return the product of the scales of the controls."""
-    product = 1.0
-    for k in range(sizes.controls):
-        product *= rows.gains[rows.gains.shape[0] - 1, k]
-    return product
+@kernel
+def check_behind(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers) -> int:
+    """Return 0 if u0, gains, weights and border have finite values, weights above 0; else a code with the first that has not."""
+    count, head = sizes.ideal - sizes.held + sizes.beyond, rows.table[0]
+    for k in range(head[BEHIND]):
+        if not finite(buffers.slots[tape.root[head[FIRST] + count + k], 0]):
+            return NO_GAIN * KIND + k
+    for k in range(head[VARYING]):
+        entry = rows.table[1 + count + sizes.controls + k]
+        if entry[OF_ROW] < 0 and buffers.slots[tape.root[entry[ROOT]], 0] <= 0.0:
+            return NO_GAIN * KIND + entry[ROOT] - head[FIRST] - count
+    return 0
 
 
 @kernel(inline=True)
-def write_wanted(rows: Rows, sizes: Sizes, space: Space, tree: Tree, y: Array) -> None:
+def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, tree: Tree, y: Array) -> None:
     """Write what the rows want of their accelerations: H z + K z' - drift."""
     count, held, wanted = sizes.ideal + sizes.beyond - sizes.held, sizes.held, space.wanted
     if held:
@@ -166,6 +177,11 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tree: Tree, y: Array) -
         wanted[held + k] = -space.residual[k, 2]
         for j in range(0 if coupled else k, count if coupled else k + 1):
             wanted[held + k] += rows.gains[k, j] * space.residual[j, 0] + rows.gains[k, count + j] * space.residual[j, 1]
+    for k in range(rows.table[0, VARYING]):
+        entry = rows.table[1 + count + sizes.controls + k]
+        if entry[OF_ROW] >= 0:
+            gain = buffers.slots[tape.root[entry[ROOT]], 0]
+            wanted[held + entry[OF_ROW]] += gain * space.residual[entry[COLUMN] % count, entry[COLUMN] // count]
 
 
 @kernel(inline=True)

@@ -228,8 +228,8 @@ def rows_of_joints(
 ) -> bool:  # fmt: skip
     """Write z, z', drift into `out` (3, rows) and the rows over v into matrix[:, first:] (layers, any, nv).
 
-    Forces in their scales go to matrix[:, : forces]. known (nv,): the layer that each velocity's column stands in. False: a
-    row or a force has no finite value; what has none is nan.
+    What else the tape has goes into out[0] behind them. Forces in their scales go to matrix[:, : forces]. known (nv,): the layer
+    that each velocity's column stands in. False: a row, what else there is or a force has no finite value; that is nan.
     """
     tape, buffers, quantities = tape_of(i, reals), buffers_of(i, reals), quantities_of(i, reals)
     line, bend, form = part(reals, i, packed.ROW), part(reals, i, packed.BEND), part(i, i, packed.FORM)
@@ -241,6 +241,10 @@ def rows_of_joints(
     play_jets(tape, buffers, tape.parts[op.PARAMETERS_END], tape.parts[op.ROOTS_END])
     fine, residual = True, table(reals, i, packed.RESIDUAL, 3)
     for r in range(tape.root.shape[0]):
+        if r >= form.shape[0]:
+            out[0, r] = buffers.slots[tape.root[r], 0]
+            fine = finite(out[0, r]) and fine
+            continue
         write_residual(tape, buffers, r, form[r], r, residual)
         code = write_row(tape, buffers, quantities, tree, r, y, given, reference, line)
         sound = code == FINE and finite(residual[r, 0] + residual[r, 1] + residual[r, 2])

@@ -205,14 +205,23 @@ def onto_edge(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> in
     return code
 
 
-@kernel
+@kernel(copied=True)
 def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     """Add what rows and controls bring to the accelerations, and to the forces that driven lengths take; return a code."""
+    code = constrain(
+        plant.rows, memory.rows, plant.tape, memory.buffers, plant.quantities, plant.tree, y, memory.given, memory.reference,
+        memory.scratch, dy,
+    )  # fmt: skip
+    if code == 0 and plant.driven.shape[0] > 0:
+        push_on_driven(plant, memory, y, dy)
+    return code
+
+
+@kernel
+def push_on_driven(plant: Plant, memory: Memory, y: Array, dy: Array) -> None:
+    """Add what rows and controls bring to the forces that driven lengths take."""
     rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
     near = memory.reference
-    code = constrain(rows, memory.rows, tape, memory.buffers, plant.quantities, tree, y, given, near, scratch, dy)
-    if code != 0 or plant.driven.shape[0] == 0:
-        return code
     add_forces(rows, memory.rows, memory.force)
     accelerate(tree, y, given, memory.force, dy, scratch)
     sizes = sizes_of(rows)
@@ -223,7 +232,6 @@ def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     )  # fmt: skip
     for k in range(plant.driven.shape[0]):
         scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= push_on(sizes, space, k)
-    return 0
 
 
 @kernel

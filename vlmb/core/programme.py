@@ -13,7 +13,9 @@ from vlmb.core.dense import (
     solve_upper,
 )
 from vlmb.core.jit import kernel
-from vlmb.core.row_arrays import REPEATING, SIDE, Sizes, Space
+from vlmb.core.opcodes import Buffers, Tape
+from vlmb.core.row_arrays import BORDER, COLUMN, FREE, OF_ROW, REPEATING, ROOT, SIDE, VARYING, RowMemory, Rows, Sizes, Space, view
+from vlmb.core.scalars import sqrt
 from vlmb.core.tree import Array
 
 RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
@@ -21,23 +23,51 @@ SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this i
 UNMET = 1e-6  # of the largest beta, or [1/s^2]: error of a row that the controls do not meet
 
 
-@kernel
-def solve_programme(sizes: Sizes, space: Space, free: float) -> bool:
+@kernel(inline=True)
+def solve_programme(rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, tape: Tape, buffers: Buffers) -> bool:
     """Write the controls over their scales into the shares; return whether the rows of the programme are met.
 
-    free: u0 over the product of the scales; then there is one control more than rows. Secondary rows take what the others
-    leave; with as many controls as all rows together this is one system.
+    Weights that the motion gives change the scales of this instant.
     """
-    r, s, servo, beta, u = sizes.beyond, sizes.controls, sizes.servo, space.wanted[sizes.ideal :], space.shares
-    if servo < r <= s and least(space, r, s, beta, u):
+    varying = rows.table[0, VARYING]
+    for k in range(sizes.controls if varying > 0 else 0):
+        ratio = ratio_of(rows, sizes, tape, buffers, k)
+        for i in range(sizes.beyond):
+            space.matrix[i, k] *= ratio
+    met = share_out(sizes, memory)
+    if met and rows.table[0, FREE] >= 0:
+        add_free(rows, sizes, memory, tape, buffers)
+    for k in range(sizes.controls if varying > 0 else 0):
+        space.shares[k] *= ratio_of(rows, sizes, tape, buffers, k)
+    return met
+
+
+@kernel(inline=True)
+def ratio_of(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers, k: int) -> float:
+    """Return the scale of a control at this instant over its constant one: 1/sqrt(R) over that, if the motion gives R."""
+    count = sizes.ideal - sizes.held + sizes.beyond
+    for j in range(rows.table[0, VARYING]):
+        entry = rows.table[1 + count + sizes.controls + j]
+        if entry[OF_ROW] < 0 and entry[COLUMN] == k:
+            return 1.0 / (sqrt(buffers.slots[tape.root[entry[ROOT]], 0]) * rows.gains[count, k])
+    return 1.0
+
+
+@kernel
+def share_out(sizes: Sizes, memory: RowMemory) -> bool:
+    """Write the least controls that meet all rows; return whether those of the programme are met.
+
+    Secondary rows take what the others leave; with as many controls as all rows together this is one system. Here and below the
+    memory is handed over and not its parts: each of them would cost nanoseconds.
+    """
+    r, servo = sizes.beyond, sizes.servo
+    if servo < r <= sizes.controls and least(sizes, memory, r):
         return True
-    regular = least(space, servo, s, beta, u)
-    space.state[REPEATING] = 0.0 if regular else 1.0
-    met = True if regular else least_deficient(space, servo, s, beta, u, space.errors[sizes.ideal :])
+    regular = least(sizes, memory, servo)
+    view(sizes, memory).state[REPEATING] = 0.0 if regular else 1.0
+    met = True if regular else least_deficient(sizes, memory)
     if met and r > servo:
-        add_secondary(space, servo, r, s, beta, u)
-    elif met and free != 0.0:
-        add_free(space, servo, free, u)
+        add_secondary(sizes, memory)
     return met
 
 
@@ -50,9 +80,10 @@ def copy(a: Array, rows: int, columns: int, out: Array) -> None:
 
 
 @kernel
-def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool:
+def least(sizes: Sizes, memory: RowMemory, rows: int) -> bool:
     """Solve G u = beta for the least u; False where pivots show rows that repeat each other. Notes the sign of det G."""
-    a, pivots, state = space.first, space.second[0], space.state
+    space, controls = view(sizes, memory), sizes.controls
+    a, pivots, state, u, beta = space.first, space.second[0], space.state, space.shares, space.wanted[sizes.ideal :]
     copy(space.matrix, rows, controls, a)
     bound = RANK * max(largest_entry(a, rows, controls), SMALLEST)
     for k in range(controls):
@@ -76,9 +107,11 @@ def least(space: Space, rows: int, controls: int, beta: Array, u: Array) -> bool
 
 
 @kernel
-def least_deficient(space: Space, rows: int, controls: int, beta: Array, u: Array, errors: Array) -> bool:
+def least_deficient(sizes: Sizes, memory: RowMemory) -> bool:
     """The same for rows that repeat each other; False where they ask for what the controls cannot give, with their errors."""
+    space, rows, controls = view(sizes, memory), sizes.servo, sizes.controls
     a, b, x, largest, worst = space.first, space.second, space.third, 1.0, 0.0
+    u, beta, errors = space.shares, space.wanted[sizes.ideal :], space.errors[sizes.ideal :]
     for i in range(rows):
         largest = max(largest, abs(beta[i]))
         b[i, 0] = beta[i]
@@ -98,8 +131,10 @@ def least_deficient(space: Space, rows: int, controls: int, beta: Array, u: Arra
 
 
 @kernel
-def add_secondary(space: Space, servo: int, rows: int, controls: int, beta: Array, u: Array) -> None:
+def add_secondary(sizes: Sizes, memory: RowMemory) -> None:
     """Add Z x with the least squares of what the secondary rows lack, G_2 (u + Z x) - beta_2; Z spans the kernel of G."""
+    space, servo, rows, controls = view(sizes, memory), sizes.servo, sizes.beyond, sizes.controls
+    u, beta = space.shares, space.wanted[sizes.ideal :]
     a, inside, null, count = space.first, space.second, controls - servo, rows - servo
     lacking, x = space.third[:count], space.third[count:]
     copy(space.matrix, rows, controls, a)
@@ -120,16 +155,23 @@ def add_secondary(space: Space, servo: int, rows: int, controls: int, beta: Arra
 
 
 @kernel
-def add_free(space: Space, rows: int, free: float, u: Array) -> None:
-    """Add u0 u_tau of (5.6) for one control more than rows: u_tau is the generalized cross product of the rows of G."""
-    a, pivots, cross = space.first, space.second[0], space.third[0]
-    copy(space.matrix, rows, rows + 1, a)
-    reflect(a, rows, rows, rows + 1, pivots)
-    size = free
-    for k in range(rows):
+def add_free(rows: Rows, sizes: Sizes, memory: RowMemory, tape: Tape, buffers: Buffers) -> None:
+    """Add u0 u_tau of (5.6): u_tau is the generalized cross product of the rows of G, and of those of the border below them."""
+    space = view(sizes, memory)
+    a, pivots, cross, s, servo = space.first, space.second[0], space.third[0], sizes.controls, sizes.servo
+    count, border = rows.gains.shape[0] - 1, rows.table[0, BORDER]
+    copy(space.matrix, servo, s, a)
+    size = buffers.slots[tape.root[rows.table[0, FREE]], 0]
+    for k in range(s):
+        scale = rows.gains[count, k] * ratio_of(rows, sizes, tape, buffers, k)
+        size /= scale
+        for i in range(s - 1 - servo):
+            a[servo + i, k] = buffers.slots[tape.root[border + i * s + k], 0] * scale
+    reflect(a, s - 1, s - 1, s, pivots)
+    for k in range(s - 1):
         size *= pivots[k]
         cross[k] = 0.0
-    cross[rows] = size
-    reflect_back(a, rows, rows + 1, cross)
-    for k in range(rows + 1):
-        u[k] += cross[k]
+    cross[s - 1] = size
+    reflect_back(a, s - 1, s, cross)
+    for k in range(s):
+        space.shares[k] += cross[k]

@@ -14,11 +14,14 @@ from vlmb.core.tree import Array, Integers
 
 # Row 0 of `table`: how many rows the knife edge holds (0, 1), ideal ones, those of the programme, secondary ones, controls; the
 # root of the tape that the first row is, and that of u0 or -1; whether velocities are projected onto the knife edge; whether H or
-# K are not diagonal.
-HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED = range(9)
-# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control.
+# K are not diagonal; how many gains and weights the motion gives; the root that the first entry of the border is, or -1; how many
+# roots stand behind those of the rows: u0, such gains and weights, the border by rows.
+HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED, VARYING, BORDER, BEHIND = range(12)
+# Then one for each row: its form as in rows.py, its work state (of an ideal row that works) or -1; then one for each control;
+# then one for each gain or weight that the motion gives.
 FORM, WORK = range(2)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
+ROOT, OF_ROW, COLUMN = range(3)  # of a gain: where in (H, K) it stands; of a weight: OF_ROW is -1, COLUMN the control
 # Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other; what the
 # ideal row that has least is still worth beside those before it, as a share of the largest that it has been, in the metric of
 # M^-1; its rate [1/s], value and time [s] at the last accepted step, and the least one that is not looked at more closely. Rows
@@ -30,8 +33,8 @@ PROJECTION, STILL = range(2)  # rows of `state` of a memory: velocities on the k
 class Rows(NamedTuple):
     """Rows and controls of a scene, constant for a run; empty where it has none."""
 
-    table: Integers  # (1 + n + S, 9)
-    gains: Array  # (n + 1, 2 n or S + 1) H and K; in the last row the scales of the controls, then the knife edge's gain [1/s]
+    table: Integers  # (1 + n + S + varying, 12)
+    gains: Array  # (n + 1, 2 n or S + 1) H and K, 0 where they vary; then the scales of the controls, the knife edge's gain [1/s]
 
 
 class RowMemory(NamedTuple):
@@ -79,7 +82,7 @@ class Space(NamedTuple):
 
 def no_rows() -> Rows:
     """Make what a scene without rows has."""
-    return Rows(np.zeros((0, 9), np.int64), np.zeros((0, 1)))
+    return Rows(np.zeros((0, 12), np.int64), np.zeros((0, 1)))
 
 
 @kernel(inline=True)

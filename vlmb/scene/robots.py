@@ -105,7 +105,7 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
     for index, force in enumerate(scene.forces):
         if force.between is not None:
             refuse(f"forces[{index}]", "springs between two directions are not there in scenes with robots; use [[springs]]")
-    if programme is not None and (programme.u0 is not None):
-        refuse("programme.u0", "robots have a posture in the null space instead")
+    if programme is not None and (programme.u0 is not None or programme.border):
+        refuse("programme.u0", "with robots the posture takes what the rows leave free; drop u0 and border, or use secondary")
     if scene.run.engine == "core":
         refuse("run.engine", "scenes with robots run on 'pinocchio' ('auto')")

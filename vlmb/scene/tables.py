@@ -183,10 +183,11 @@ class Programme(Table, frozen=True, kw_only=True):
     frequency: Positive | tuple[Positive, ...] | None = None  # [rad/s]
     damping_ratio: NonNegative | tuple[NonNegative, ...] = 1.0
     gains: Literal["auto", "none"] | None = None  # none: H = K = 0, errors neither decay nor are checked
-    h: tuple[tuple[float, ...], ...] | None = None
-    k: tuple[tuple[float, ...], ...] | None = None
-    weights: dict[str, Positive] = {}  # R_s of the norm sum R_s u_s^2; default 1/scale^2
-    u0: Law | None = None  # the free scalar of (5.6), for one control more than rows
+    h: tuple[tuple[Law, ...], ...] | None = None  # of (5.5), of the motion if it is text
+    k: tuple[tuple[Law, ...], ...] | None = None
+    weights: dict[str, Positive | str] = {}  # R_s > 0 of the norm sum R_s u_s^2; default 1/scale^2
+    u0: Law | None = None  # the free scalar of (5.6)
+    border: tuple[tuple[Law, ...], ...] = ()  # rows g^{kappa l} of (5.6), for u0 where controls are more than rows and one
     secondary: tuple[str, ...] = ()  # equations served in the null space, as far as it goes
     secondary_frequency: Positive | None = None  # [rad/s], default: frequency
     limits: Literal["report", "stop"] | None = None  # of a robot's joints, speeds and efforts; default report

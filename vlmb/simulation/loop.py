@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +14,6 @@ from vlmb.core.calls import begin, resume, state_at
 from vlmb.core.driver import (
     ANSWER,
     AT_START,
-    ATOL,
     CROSSING,
     DONE,
     EVALUATIONS,
@@ -25,8 +22,6 @@ from vlmb.core.driver import (
     NEXT_SAMPLE,
     OVER,
     PHASE,
-    RATE,
-    RTOL,
     SLICE,
     SLICE_SIZE,
     STEPS,
@@ -40,25 +35,22 @@ from vlmb.core.driver import (
     Y,
     make_driver,
 )  # fmt: skip
-from vlmb.core.locate import Crossing, crossings, root
+from vlmb.core.locate import Crossing, crossings
 from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
-from vlmb.simulation.passage import Passage, pass_through, time_to_dependence
+from vlmb.simulation.passage import Passing
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import DEPENDENT, FALL, GRIP, LINE_UP, SWITCH
-from vlmb.system.worth import LOOKED_AT
+from vlmb.system.events import DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, SWITCH
 
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
-IN_LINE = 1e-6  # sine of an angle below which two directions line up
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
-AGAIN = 0.8  # of what a row is worth: where it is looked at next
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
 
@@ -92,7 +84,7 @@ class Loop:
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
-        self.closer = 0  # how near to a singular posture a way through is sought
+        self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.kept = len(times)  # samples, at most
         self._refuse_start()
@@ -263,63 +255,22 @@ class Loop:
 
     def _pass(self, until: float) -> str | None:
         """Go on through a posture in which ideal rows lose their independence; return a sentence where no one way is known."""
-        engine, driver, t, y = self.engine, self.driver, self.t, np.array(self.driver.point)
-        rate, bound = -float(driver.indicators[RATE, engine.dependent]), LOOKED_AT[self.closer]
-        ahead = time_to_dependence(engine, t, y, bound / rate) if rate > 0.0 else np.inf
-        if ahead == np.inf:
-            engine.look_at(AGAIN * engine.rows(t, y).worth)
-            begin(driver, t, until)
-            return None
-        found = pass_through(engine, t, y, ahead, until, float(driver.real[RTOL]), float(driver.real[ATOL]))
-        self.closer = 0 if found is not None else self.closer + 1
-        if self.closer < len(LOOKED_AT):  # a motion that turns back near the posture comes to it again before it has left it
-            left = engine.rows(t, y).worth if found is None else engine.rows(found.t, found.y).worth
-            engine.look_at(min(LOOKED_AT[self.closer], AGAIN * left))
-        if found is None and self.closer < len(LOOKED_AT):
-            begin(driver, t, until)
-            return None
-        if found is None:
+        driver, found = self.driver, self.passing.seek(self.driver, self.t, until)
+        if isinstance(found, str):
             self._end_here()
-            names = " and ".join(repr(name) for name in engine.rows(t, y).dependent)
-            return (
-                f"the ideal constraints {names} lose their independence {ahead:.3g} s on: two motions meet there, and what is "
-                "known does not tell which of them goes on; start with more speed through that posture, or leave a little play"
-            )
-        driver.counts[EVALUATIONS] += found.evaluations
-        driver.counts[STEPS] += len(found.parts)
-        crossing = self._crossing(found)
+            return found
+        if found is None:
+            begin(driver, self.t, until)
+            return None
+        crossing = found.first_crossing(self.engine)
         self.t = found.t if crossing is None else crossing.t
-        for k in range(int(driver.counts[NEXT_SAMPLE]), len(driver.times)):
-            if driver.times[k] > self.t:
-                break
-            driver.samples[k] = found.at(float(driver.times[k]))
-            driver.counts[NEXT_SAMPLE] = k + 1
-        driver.point[:] = found.y if crossing is None else found.at(crossing.t)
+        found.write(driver, self.t)
         if crossing is None:
             begin(driver, self.t, until)
             return None
         driver.indicators[HIT] = 0.0
         driver.indicators[HIT, crossing.indicator] = crossing.direction
         return self._after_stop(until)
-
-    def _crossing(self, found: Passage) -> Crossing | None:
-        """Return the first event within a passage."""
-        engine, crossed = self.engine, []
-        ends = [(part.t, engine.indicators(part.t, part.y)[0]) for part in found.parts]
-        ends.append((found.t, engine.indicators(found.t, found.y)[0]))
-        for (a, at_a), (b, at_b) in pairwise(ends):
-            for k, event in enumerate(engine.events):
-                way = np.sign(at_b[k])
-                if k == engine.dependent or at_a[k] * at_b[k] >= 0.0 or event.direction * way < 0.0:
-                    continue
-                at = root(partial(self._indicator, found, k), a, b, at_a[k], at_b[k])
-                if event.kind != LINE_UP or engine.in_line(event, at, found.at(at)) < IN_LINE:
-                    crossed.append(Crossing(at, k, int(way)))
-        return min(crossed, default=None)
-
-    def _indicator(self, found: Passage, k: int, t: float) -> float:
-        """Return an indicator at a time within a passage."""
-        return float(self.engine.indicators(t, found.at(t))[0][k])
 
     def _end_here(self) -> None:
         """Keep the instant at which an event ends the run."""

@@ -10,13 +10,19 @@ over a stretch whose middle is the singular posture, which no node comes near. T
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.driver import ATOL, EVALUATIONS, NEXT_SAMPLE, RATE, RTOL, STEPS, Driver
+from vlmb.core.locate import Crossing, root
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.simulation.engine import Engine
+from vlmb.system.events import IN_LINE, LINE_UP
+from vlmb.system.worth import LOOKED_AT
 
 Array = NDArray[np.float64]
 
@@ -26,6 +32,7 @@ STALLED = 1e-9  # relative change at which rounding may end it
 PARTS = (1, 3, 9)  # odd: the middle of the middle part is the singular posture
 SPANS, LEFT = (1.0, 2.0, 4.0), 0.5  # of twice the way to the posture; what rows are worth at the end, of that at the start
 FINEST = 1e-10  # of a tolerance, what rounding leaves near the posture
+AGAIN = 0.8  # of what a row is worth: where it is looked at next
 PROBE = 0.02  # of the time to the posture: how far ahead the rows are looked at
 ON_ROWS = 2e-16  # [m, rad, per s] of a residual: what is left is magnified by the third power of what the rows are worth
 
@@ -68,6 +75,66 @@ class Passage(NamedTuple):
         """Return y at a time [s] within it."""
         part = next((part for part in self.parts if t < part.t + part.h), self.parts[-1])
         return part.at(t) if t < self.t else self.y
+
+    def first_crossing(self, engine: Engine) -> Crossing | None:
+        """Return the first event within it."""
+        crossed = []
+        ends = [(part.t, engine.indicators(part.t, part.y)[0]) for part in self.parts]
+        ends.append((self.t, engine.indicators(self.t, self.y)[0]))
+        for (a, at_a), (b, at_b) in pairwise(ends):
+            for k, event in enumerate(engine.events):
+                way = np.sign(at_b[k])
+                if k == engine.dependent or at_a[k] * at_b[k] >= 0.0 or event.direction * way < 0.0:
+                    continue
+                at = root(partial(self._indicator, engine, k), a, b, at_a[k], at_b[k])
+                if event.kind != LINE_UP or engine.in_line(event, at, self.at(at)) < IN_LINE:
+                    crossed.append(Crossing(at, k, int(way)))
+        return min(crossed, default=None)
+
+    def _indicator(self, engine: Engine, k: int, t: float) -> float:
+        return float(engine.indicators(t, self.at(t))[0][k])
+
+    def write(self, driver: Driver, t: float) -> None:
+        """Write the samples up to a time [s] within it, and the state there."""
+        for k in range(int(driver.counts[NEXT_SAMPLE]), len(driver.times)):
+            if driver.times[k] > t:
+                break
+            driver.samples[k] = self.at(float(driver.times[k]))
+            driver.counts[NEXT_SAMPLE] = k + 1
+        driver.point[:] = self.at(t)
+
+
+class Passing:
+    """Seeks a way through for a run that has come near to a singular posture: ever nearer, where none is found."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self.closer = 0  # which of LOOKED_AT the rows are worth
+
+    def seek(self, driver: Driver, t: float, until: float) -> Passage | str | None:
+        """Return a passage; None where the run goes on as it is; a sentence where no one way is known."""
+        engine, y = self.engine, np.array(driver.point)
+        rate, bound = -float(driver.indicators[RATE, engine.dependent]), LOOKED_AT[self.closer]
+        ahead = time_to_dependence(engine, t, y, bound / rate) if rate > 0.0 else np.inf
+        if ahead == np.inf:
+            engine.look_at(AGAIN * engine.rows(t, y).worth)
+            return None
+        found = pass_through(engine, t, y, ahead, until, float(driver.real[RTOL]), float(driver.real[ATOL]))
+        self.closer = 0 if found is not None else self.closer + 1
+        if self.closer < len(LOOKED_AT):  # a motion that turns back near the posture comes to it again before it has left it
+            left = engine.rows(t, y).worth if found is None else engine.rows(found.t, found.y).worth
+            engine.look_at(min(LOOKED_AT[self.closer], AGAIN * left))
+        if found is not None:
+            driver.counts[EVALUATIONS] += found.evaluations
+            driver.counts[STEPS] += len(found.parts)
+            return found
+        if self.closer < len(LOOKED_AT):
+            return None
+        names = " and ".join(repr(name) for name in engine.rows(t, y).dependent)
+        return (
+            f"the ideal constraints {names} lose their independence {ahead:.3g} s on: two motions meet there, and what is "
+            "known does not tell which of them goes on; start with more speed through that posture, or leave a little play"
+        )
 
 
 class _Counted:

@@ -18,7 +18,7 @@ from vlmb.core.joints import rows_of_joints
 from vlmb.errors import SingularError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.core_rows import gain_table
+from vlmb.system.core_rows import gain_table, moving_places
 from vlmb.system.frames import LinkFrames
 from vlmb.system.programme import ProgrammeControl, ProgrammePlan, control_channels, control_scales
 
@@ -52,10 +52,16 @@ class ConstraintSolver:
         info = rows.info if rows else ()
         self.info = info[: self.ideal + self.servo]
         self.programme = None if plan is None else ProgrammeControl(plan)
-        law = np.zeros((held + len(info), 3 * len(info)))
+        width = len(rows.roots) if rows else 0
+        law = np.zeros((held + len(info), 3, width))
         h, k = gain_table(info, plan, self.ideal, gain)
-        law[held:] = np.hstack([h, k, -np.eye(len(info))])
-        self.law = law  # (z, z', drift) -> what W vdot shall be
+        law[held:, 0, : len(info)], law[held:, 1, : len(info)], law[held:, 2, : len(info)] = h, k, -np.eye(len(info))
+        self.law = law.reshape(held + len(info), 3 * width)  # (z, z', drift) -> what W vdot shall be
+        self.varying = list[tuple[int, int, int]]()  # row and column of the law that the motion gives, by which value behind
+        for at, (row, column) in enumerate(moving_places(info, plan, self.ideal)):
+            if plan is not None and row >= 0:
+                order, of = divmod(column, len(info))
+                self.varying.append((held + row, order * width + of, len(info) + plan.moving.first_entry + at))
         self.count, self.n_controls = held + self.ideal, len(given)
         self.names = (("knife_edge",) if held else ()) + tuple(row.text for row in info[: self.ideal])
         down = self.n_controls + 1 + held + len(info)
@@ -71,7 +77,9 @@ class ConstraintSolver:
         self.first = self.n_controls + 1 + held  # of the rows in the table
         self.layers = np.zeros(nv, np.int64)
         self.layers[self.prescribed_dofs] = 1
-        self.numbers = np.zeros((3, len(info)))
+        self.numbers = np.zeros((3, width))
+        self.behind = self.numbers[0, len(info) :]
+        self.numbers[1:, len(info) :] = 0.0
         self.wanted = self.numbers.ravel()
         if rows is not None:
             self.integers, self.buffers = rows.readings.integers, rows.readings.buffers()
@@ -107,6 +115,8 @@ class ConstraintSolver:
             turning, places = self.frames.turning, (self.layers, self.first)
             if not rows_of_joints(self.integers, self.buffers, t, q, v, turning, branch, *places, self.numbers, self.table):
                 self.require_finite()
+            for row, column, at in self.varying:
+                self.law[row, column] = self.numbers[0, at]
             wanted = self.law.dot(self.wanted)
         if self.held:
             wanted[0] = -self.gain * v.item(SIDEWAYS)
@@ -123,7 +133,7 @@ class ConstraintSolver:
             solved = self._schur(moved[n_controls + 1 :, :count].T, moved[: n_controls + 1, :count].T)
             moved = moved[: n_controls + 1, count:] - solved.T.dot(moved[n_controls + 1 :, count:])
         if self.programme is not None:
-            self.scaled[:] = self.programme.solve(t, moved[:n_controls].T, moved[n_controls])
+            self.scaled[:] = self.programme.solve(moved[:n_controls].T, moved[n_controls], self.behind)
         if count:
             shares[n_controls + 1 :] = solved[:, n_controls] - solved[:, :n_controls].dot(shares[:n_controls])
         result: Array = answer.dot(shares)
@@ -136,6 +146,11 @@ class ConstraintSolver:
             failure = self.rows.failure(self.buffers, self.numbers, both[self.first :], columns=both[: self.n_controls])
             if failure is not None:
                 raise failure
+            for which in np.flatnonzero(~np.isfinite(self.behind)):
+                assert self.programme is not None
+                moving = self.programme.plan.moving
+                reach = self.rows.readings.table.signals.reach(moving.laws[which].text)
+                raise moving.failure(int(which), float(self.behind[which]), reach)
 
     def forces(self) -> Array:
         """Return B u (nv,) of the last solution."""

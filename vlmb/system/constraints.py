@@ -63,15 +63,18 @@ class ConstraintSet:
         mechanism: Mechanism,
         texts: Sequence[tuple[str, str, bool]],
         pushed: Sequence[tuple[GeneralizedForce, float]] = (),
+        behind: Sequence[Expression] = (),
     ) -> None:
-        """Compile (text, key path, ideal) rows."""
+        """Compile (text, key path, ideal) rows, and what else shall be read with them."""
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [parse_equation(row.equation, row.key, names) for row in rows]
         pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]
-        self.roots = tuple(map(partial(_regular, mechanism), equations, pairs))  # as they are compiled
-        self.readings = make_readings(mechanism, self.roots, [force for force, _ in pushed], [scale for _, scale in pushed])
-        self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows, pairs))
+        self.roots = (*map(partial(_regular, mechanism), equations, pairs), *behind)  # as they are compiled
+        self.behind = tuple(behind)
+        forces, scales = [force for force, _ in pushed], [scale for _, scale in pushed]
+        self.readings = make_readings(mechanism, self.roots, forces, scales, len(rows))
+        self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows[: len(rows)], pairs))
         self.texts = tuple(info.text for info in self.info)
         self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
@@ -85,7 +88,7 @@ class ConstraintSet:
         Raises SimulationError where an equation has no finite value, SingularError where one reads an azimuth at the pole.
         """
         buffers, near, known = self.readings.buffers(), np.array(branch, float), np.zeros(self.nv, np.int64)
-        out, matrix = np.empty((3, self.count)), np.empty((1, self.pushed + self.count, self.nv))
+        out, matrix = np.empty((3, len(self.roots))), np.empty((1, self.pushed + self.count, self.nv))
         fine = rows_of_joints(self.readings.integers, buffers, t, q, v, frames.turning, near, known, self.pushed, out, matrix)
         jacobian, chosen = matrix[0, self.pushed :], list(range(self.count) if rows is None else rows)
         if not fine:
@@ -103,7 +106,7 @@ class ConstraintSet:
         self, buffers: Array, out: Array, jacobian: Array, rows: Sequence[int] | None = None, columns: Array | None = None
     ) -> VlmbError | None:
         """Return the error of an evaluation that was not fine: of rows, all or some by number, or of the forces' `columns`."""
-        sizes = np.abs(out).sum(axis=0) + np.abs(jacobian).sum(axis=1)
+        sizes = np.abs(out[:, : self.count]).sum(axis=0) + np.abs(jacobian).sum(axis=1)
         bad = [k for k in (range(self.count) if rows is None else rows) if not np.isfinite(sizes[k])]
         if bad:
             obstacle = self.readings.obstacle(buffers, bad)

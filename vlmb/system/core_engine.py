@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.calls import march, onto_edge, run
+from vlmb.core.calls import onto_edge, run
 from vlmb.core.constraints import SIDEWAYS
 from vlmb.core.driver import (
     ACCEPT,
-    AT_START,
     EVALUATE,
     FAILED,
     FAILURE,
@@ -19,8 +18,6 @@ from vlmb.core.driver import (
     GO,
     INDICATE,
     LOOK,
-    NEXT_SAMPLE,
-    PHASE,
     RATE,
     TIME,
     VALUE,
@@ -34,6 +31,7 @@ from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import read_along
+from vlmb.system.answering import march_answered
 from vlmb.system.core_faults import fault
 from vlmb.system.core_plan import CorePlan
 from vlmb.system.core_rows import solved_programme
@@ -98,7 +96,7 @@ class CoreEngine:
             if self.plan.reads_angles and not len(self.memory.branches):
                 self.memory = self.memory._replace(branches=np.zeros((len(driver.times), *self.memory.reference.shape)))
             return run(self.plan.plant, self.memory, driver, bounds, h_max, GO)
-        return self._run_controlled(driver, bounds, h_max)
+        return march_answered(self, driver, bounds, h_max)
 
     def evaluate(self, t: float, y: Array) -> Array:
         """Return y' at (t, y). Raises what `fault` names."""
@@ -249,34 +247,16 @@ class CoreEngine:
         """Make the error of an evaluation's code."""
         return fault(self.mechanism, self.plan, self.memory, code)
 
-    def _run_controlled(self, driver: Driver, bounds: Array, h_max: float) -> int:
-        """The same as the compiled run, with the control asked at every evaluation and once for every sample."""
-        plant, memory, counts, real = self.plan.plant, self.memory, driver.counts, driver.real
-        if counts[PHASE] == AT_START:
-            self.accept(float(real[TIME]), driver.point)
-        while True:
-            code = march(driver)
-            self._take_samples(driver)
-            if code == EVALUATE:
-                try:
-                    self._ask(float(real[TIME]), driver.point)
-                    run(plant, memory, driver, bounds, h_max, EVALUATE)
-                except VlmbError as error:
-                    self.errors.append(error)
-                    counts[FAILURE] = len(self.errors)
-            elif code == INDICATE:
-                self.errors.clear()
-                if run(plant, memory, driver, bounds, h_max, INDICATE) == FAILED:
-                    raise self.fault(FROM_SIDE * SOURCES)
-                self._follow(float(real[TIME]), driver.point)
-            else:
-                return int(code)
+    def answer(self, driver: Driver, bounds: Array, h_max: float) -> None:
+        """Write y' into `slope`, with the control asked before."""
+        self._ask(float(driver.real[TIME]), driver.point)
+        run(self.plan.plant, self.memory, driver, bounds, h_max, EVALUATE)
 
-    def _take_samples(self, driver: Driver) -> None:
-        """Ask the control, once, for the forces at each sample written since."""
-        while len(self.asked) < driver.counts[NEXT_SAMPLE]:
-            at = len(self.asked)
-            self.note(float(driver.times[at]), driver.samples[at])
+    def look(self, driver: Driver, bounds: Array, h_max: float) -> None:
+        """Write the indicators of an accepted step, and how long the next may be."""
+        if run(self.plan.plant, self.memory, driver, bounds, h_max, INDICATE) == FAILED:
+            raise self.fault(FROM_SIDE * SOURCES)
+        self._follow(float(driver.real[TIME]), driver.point)
 
     def _ask(self, t: float, y: Array) -> list[float]:
         assert self.reader is not None

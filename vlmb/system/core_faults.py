@@ -18,6 +18,7 @@ from vlmb.core.plant import (
     Memory,
 )  # fmt: skip
 from vlmb.core.quantities import AZIMUTH, BETWEEN, KIND, LINK
+from vlmb.core.row_arrays import FIRST, IDEAL, SECOND, SERVO
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.core_plan import CorePlan
@@ -88,6 +89,12 @@ def _of_rows(mechanism: Mechanism, plan: CorePlan, memory: Memory, what: int) ->
     if kind == rows.OUT_OF_REACH:
         assert plan.programme is not None
         return out_of_reach(plan.programme, *solved_programme(plan.plant.rows, memory.rows))
+    if kind == rows.NO_GAIN:
+        assert plan.programme is not None
+        moving, table = plan.programme.moving, plan.plant.rows.table[0]
+        root = int(table[FIRST] + table[[IDEAL, SERVO, SECOND]].sum()) + bits
+        value = float(memory.buffers.slots[plan.plant.tape.root[root], 0])
+        return moving.failure(bits, value, mechanism.signals.reach(moving.laws[bits].text))
     named = [repr(name) for name in _chosen(plan.row_names, bits)]
     if kind == rows.NO_VALUE:
         equation = " and ".join(named)

@@ -159,8 +159,6 @@ def make_core_plan(
     rows = no_rows() if watching else make_rows(mechanism, run, constraints, programme, table, len(roots), works)
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
-    if len(rows.table) and programme is not None and programme.free is not None:
-        roots.append(programme.free.expression)
     slides = scene.base.friction > 0.0 and not watching
     centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
     friction = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from vlmb.core.row_arrays import (
     ALONG,
+    BEHIND,
+    BORDER,
+    COLUMN,
     CONTROLS,
     COUPLED,
     FIRST,
@@ -16,9 +19,12 @@ from vlmb.core.row_arrays import (
     FREE,
     HELD,
     IDEAL,
+    OF_ROW,
     PROJECTED,
+    ROOT,
     SECOND,
     SERVO,
+    VARYING,
     WORK,
     RowMemory,
     Rows,
@@ -30,6 +36,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import QuantityTable
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import Constraint, ConstraintSet
+from vlmb.system.gains import MovingGains
 from vlmb.system.programme import ProgrammePlan, control_channels, control_scales
 from vlmb.system.readings import form_of_row
 
@@ -47,11 +54,25 @@ def gain_table(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: in
     return h, k
 
 
+def moving_places(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: int) -> list[tuple[int, int]]:
+    """Return row and column in (H, K), over all rows, of the entries that the motion gives; (-1, control) of a weight."""
+    if plan is None:
+        return []
+    positions, found = [k for k, holonomic in enumerate(plan.holonomic.tolist()) if holonomic], []
+    for entry in plan.moving.entries:
+        if entry.kind == "weights":
+            found.append((-1, entry.column))
+        else:
+            column = positions[entry.column] if entry.kind == "h" else len(info) + entry.column
+            found.append((ideal + entry.row, ideal + column))
+    return found
+
+
 def make_rows(
     mechanism: Mechanism, run: Run, constraints: ConstraintSet | None, plan: ProgrammePlan | None, table: QuantityTable,
     first: int, works: Mapping[str, int],
 ) -> Rows:  # fmt: skip
-    """Make the rows of a scene for the core; `first` is the root of the tape of the first one, u0 has the one after the last.
+    """Make the rows of a scene for the core; `first` is the root of the tape of the first one, what varies is behind.
 
     works : work states by name
     """
@@ -61,16 +82,22 @@ def make_rows(
         return no_rows()
     ideal, servo = len(mechanism.scene.constraints), len(plan.texts) if plan is not None else 0
     acting = control_channels(mechanism)
-    numbers = np.full((1 + len(info) + len(acting), 9), -1, np.int64)
+    varying = moving_places(info, plan, ideal)
+    numbers = np.full((1 + len(info) + len(acting) + len(varying), 12), -1, np.int64)
     numbers[0, [HELD, IDEAL, SERVO, SECOND]] = held, ideal, servo, len(info) - ideal - servo
     numbers[0, [CONTROLS, FIRST, PROJECTED]] = len(acting), first, held and run.knife_edge == "projection"
-    if plan is not None and plan.free is not None:
-        numbers[0, FREE] = first + len(info)
+    behind, moving = first + len(info), MovingGains() if plan is None else plan.moving
+    numbers[0, [VARYING, BEHIND]] = len(varying), len(moving.laws)
+    if moving.free is not None:
+        numbers[0, [FREE, BORDER]] = behind, behind + 1 + len(varying)
     for at, row in enumerate(info):
         numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
         numbers[1 + at, WORK] = works[row.text] if at < ideal and row.working else -1
     for at, force in enumerate(acting):
         numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]
+    for at, place in enumerate(varying):
+        entry = 1 + len(info) + len(acting) + at
+        numbers[entry, [ROOT, OF_ROW, COLUMN]] = behind + moving.first_entry + at, *place
     gains = np.zeros((len(info) + 1, max(2 * len(info), len(acting) + 1)))
     h, k = gain_table(info, plan, ideal, run.gain)
     gains[: len(info), : 2 * len(info)] = np.hstack([h, k])

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP = range(7)  # kinds of events; QUIET never happens; GRIP: a ski stops, slips
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
+IN_LINE = 1e-6  # sine of an angle below which two directions line up
 
 
 class Event(NamedTuple):

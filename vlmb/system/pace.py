@@ -69,7 +69,11 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
     found += [parse(law, "force") for force in scene.forces for law in force.force or ()]
     lengths = [segment for link in scene.links for segment in (link.lower, link.upper)]
     found += [parse(segment.law, "law") for segment in lengths if segment.law is not None]
-    if scene.programme is not None and scene.programme.u0 is not None:
-        found.append(parse(scene.programme.u0, "programme.u0"))
+    if scene.programme is not None:
+        programme = scene.programme
+        matrices = [matrix or () for matrix in (programme.h, programme.k, programme.border)]
+        laws = [law for matrix in matrices for row in matrix for law in row]
+        laws += [law for law in (programme.u0, *programme.weights.values()) if law is not None]
+        found += [parse(law, "programme") for law in laws]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]

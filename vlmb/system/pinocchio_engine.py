@@ -8,17 +8,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.core.calls import march, run
+from vlmb.core.calls import run
 from vlmb.core.driver import (
-    AT_START,
-    EVALUATE,
     FAILURE,
     FIRST_FAILURE,
     H_MAX,
     INDICATE,
     LOOK,
-    NEXT_SAMPLE,
-    PHASE,
     RATE,
     TIME,
     VALUE,
@@ -29,6 +25,7 @@ from vlmb.core.plant import make_memory
 from vlmb.core.run import follow_worth
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
+from vlmb.system.answering import march_answered
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.core_reading import CoreReading
 from vlmb.system.events import DEPENDENT, GRIP, LIMIT, QUIET, Event
@@ -83,31 +80,23 @@ class PinocchioEngine:
 
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
-        counts, real, rhs = driver.counts, driver.real, self.workspace.rhs
-        if counts[PHASE] == AT_START:
-            self.accept(float(real[TIME]), driver.point)
-        while True:
-            code = march(driver)
-            self._take_samples(driver)
-            if code == EVALUATE:
-                try:
-                    driver.slope[:] = rhs(float(real[TIME]), driver.point)
-                    counts[FAILURE] = 0
-                except VlmbError as error:
-                    self.errors.append(error)
-                    counts[FAILURE] = len(self.errors)
-            elif code == INDICATE:
-                self.errors.clear()
-                t, y = float(real[TIME]), driver.point
-                self.accept(t, y)
-                self._look(INDICATE, t, y, bounds, h_max)
-                real[H_MAX] = min(self.seen.real[H_MAX], max(self.room, CLOSEST))
-                driver.indicators[VALUE : RATE + 1] = self.seen.indicators[VALUE : RATE + 1]
-                self._look_at_ski(t, y, driver.indicators)
-                if self.dependent >= 0:
-                    real[H_MAX] = min(float(real[H_MAX]), self._note_worth(t, driver.indicators))
-            else:
-                return int(code)
+        return march_answered(self, driver, bounds, h_max)
+
+    def answer(self, driver: Driver, bounds: Array, h_max: float) -> None:
+        """Write y' into `slope`."""
+        driver.slope[:] = self.workspace.rhs(float(driver.real[TIME]), driver.point)
+        driver.counts[FAILURE] = 0
+
+    def look(self, driver: Driver, bounds: Array, h_max: float) -> None:
+        """Write the indicators of an accepted step, and how long the next may be."""
+        real, t, y = driver.real, float(driver.real[TIME]), driver.point
+        self.accept(t, y)
+        self._look(INDICATE, t, y, bounds, h_max)
+        real[H_MAX] = min(self.seen.real[H_MAX], max(self.room, CLOSEST))
+        driver.indicators[VALUE : RATE + 1] = self.seen.indicators[VALUE : RATE + 1]
+        self._look_at_ski(t, y, driver.indicators)
+        if self.dependent >= 0:
+            real[H_MAX] = min(float(real[H_MAX]), self._note_worth(t, driver.indicators))
 
     def evaluate(self, t: float, y: Array) -> Array:
         """Return y' at (t, y)."""
@@ -225,11 +214,6 @@ class PinocchioEngine:
             return inputs, np.array([self.start])
         branches = [*self.branches[: len(t)], *[self.workspace.branch] * (len(t) - len(self.branches))]
         return inputs, np.array(branches)
-
-    def _take_samples(self, driver: Driver) -> None:
-        """Ask the control, once, for the forces at each sample written since; note the branch of angles there."""
-        while len(self.asked) < driver.counts[NEXT_SAMPLE]:
-            self.note(float(driver.times[len(self.asked)]), driver.samples[len(self.asked)])
 
     def note(self, t: float, y: Array) -> None:
         """Record the forces of the control and the branch of angles at a sample."""

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, nearest
-from vlmb.model.laws import Law, time_law
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
+from vlmb.model.quantities import allowed_names
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 from vlmb.system.constraints import Constraint, ConstraintSet
-from vlmb.system.gains import gain_matrices, stability_report
+from vlmb.system.gains import VARY, MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class ProgrammePlan:
     h: Array  # (r, holonomic rows)
     k: Array  # (r, r)
     decay: str  # how errors decay
-    free: Law | None  # u0
+    moving: MovingGains  # what of it the motion gives
     second_holonomic: NDArray[np.bool_]
     second_h: Array
     second_k: Array
@@ -69,24 +69,50 @@ def make_plan(
         )
     step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
-    h, k = gain_matrices(programme, holonomic.tolist(), own_rate(mechanism), step)
-    decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
-    free: Law | None = None
-    if programme.u0 is not None:
-        if len(acting) != len(rows) + 1:
-            raise SceneError(
-                "programme.u0: u_tau of (5.6) is one vector only for one control more than rows; here are "
-                f"{len(acting)} controls and {len(rows)} rows: use `secondary`"
-            )
-        free = time_law(programme.u0, scene.parameters, "programme.u0", mechanism.signals)
+    h, k = gain_matrices(programme, holonomic.tolist(), own_rate(mechanism), step, scene.parameters)
+    moving = read_moving_gains(mechanism)
+    if any(entry.kind != "weights" for entry in moving.entries):
+        decay = VARY
+    else:
+        decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
+    _check_border(programme, len(rows), len(acting))
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:
         second_h, second_k = gain_matrices(_secondary_gains(programme), second_holonomic.tolist(), own_rate(mechanism), step)
     return ProgrammePlan(
-        tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, free,
+        tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, moving,
         second_holonomic, second_h, second_k,
     )  # fmt: skip
+
+
+def _check_border(programme: Programme, rows: int, controls: int) -> None:
+    """Refuse u0 and a border that do not make u_tau of (5.6) one vector."""
+    spare, border = controls - rows - 1, programme.border
+    if programme.u0 is None:
+        if border:
+            raise SceneError("programme.border: its rows belong to u0 of (5.6), and there is none; give u0 or drop them")
+        return
+    if programme.secondary:
+        raise SceneError("programme.u0: `secondary` takes what the rows leave free, and u0 does too; drop one of them")
+    if spare < 0 or len(border) != max(spare, 0) or any(len(row) != controls for row in border):
+        need = "no `border`" if not spare else f"`border` with {spare} rows of {controls} entries"
+        need = need if spare >= 0 else "a control more"
+        found = f"; found {len(border)} rows of {', '.join(str(len(row)) for row in border)} entries" if border else ""
+        raise SceneError(
+            f"programme.u0: u_tau of (5.6) is one vector for one control more than rows and border; here are {controls} controls "
+            f"and {rows} rows: it needs {need}{found}; or use `secondary`"
+        )
+
+
+def read_moving_gains(mechanism: Mechanism) -> MovingGains:
+    """Read what of a scene's programme the motion gives; nothing without one. Raises ExpressionError."""
+    scene = mechanism.scene
+    if scene.programme is None:
+        return MovingGains()
+    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
+    names = [channel.name for channel in control_channels(mechanism)]
+    return moving_gains(scene.programme, names, allowed, scene.parameters)
 
 
 def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
@@ -98,7 +124,8 @@ def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
         texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
     acting = control_channels(mechanism)
     scales = control_scales(mechanism, acting).tolist()
-    return ConstraintSet(mechanism, texts, list(zip(acting, scales, strict=True))) if texts else None
+    behind = read_moving_gains(mechanism).laws
+    return ConstraintSet(mechanism, texts, list(zip(acting, scales, strict=True)), behind) if texts else None
 
 
 class ProgrammeControl:
@@ -111,12 +138,28 @@ class ProgrammeControl:
         self.repeating = False  # whether rows repeated each other, or an ideal constraint, in the last solution
         self.grip = 0.0  # smallest singular value of G at the first accepted sample
 
-    def solve(self, t: float, g: Array, beta: Array) -> Array:
+    def solve(self, g: Array, beta: Array, behind: Sequence[float] | Array = ()) -> Array:
         """Return u over its scales with G u = beta, by G in these scales; secondary rows stand below those of the programme.
 
         What the rows leave free goes to u0 or to the secondary rows: with as many controls as all rows together this is one
-        system. Raises SingularError naming rows and controls where the programme cannot be met.
+        system. `behind` are the values of what the motion gives; weights among them change the scales of this instant. Raises
+        SingularError naming rows and controls where the programme cannot be met.
         """
+        moving, ratios = self.plan.moving, np.ones(len(self.names))
+        for k, entry in enumerate(moving.entries, moving.first_entry):
+            if entry.kind == "weights":
+                if not behind[k] > 0.0:
+                    raise moving.failure(k, behind[k])
+                ratios[entry.column] = behind[k] ** -0.5 / self.scales[entry.column]
+        u = self._share_out(g * ratios, beta)
+        if moving.free is not None:
+            scales, border = self.scales * ratios, np.array(behind[len(moving.laws) - sum(map(len, moving.border)) :])
+            below = border.reshape(-1, len(scales)) * scales
+            u = u + behind[0] / scales.prod() * cross(np.vstack([self.control_matrix, below]))
+        return np.asarray(u * ratios)
+
+    def _share_out(self, g: Array, beta: Array) -> Array:
+        """Return the least u over the scales of this instant; what the rows leave free goes to the secondary rows."""
         count = len(self.texts)
         self.control_matrix = g[:count]
         if count < len(g):
@@ -127,10 +170,7 @@ class ProgrammeControl:
             u = self.least(g[:count], beta[:count])
             null = self.null_space(g[:count])
             return u + null @ np.linalg.lstsq(g[count:] @ null, beta[count:] - g[count:] @ u, rcond=RANK)[0]
-        u = self.least(g, beta)
-        if self.plan.free is not None:
-            u = u + self.plan.free.value(t) / self.scales.prod() * cross(g)
-        return u
+        return self.least(g, beta)
 
     def accept(self) -> None:
         """Refuse a sample beyond a posture where as many controls as rows lose their effect: det G changes its sign there."""
@@ -252,7 +292,7 @@ def control_channels(mechanism: Mechanism) -> tuple[GeneralizedForce, ...]:
 
 
 def cross(g: Array) -> Array:
-    """Return u_tau of (5.6) for S = r + 1: the generalized cross product of the rows of G; G u_tau = 0."""
+    """Return u_tau of (5.6): the generalized cross product of S - 1 rows, G and the border below it; G u_tau = 0."""
     controls = g.shape[1]
     return np.array([(-1.0) ** s * np.linalg.det(np.delete(g, s, axis=1)) for s in range(controls)])
 
@@ -283,16 +323,23 @@ def total_mass(mechanism: Mechanism) -> float:
 
 
 def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> Array:
-    """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments)."""
+    """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments), as for one that varies."""
     scene = mechanism.scene
     weights = scene.programme.weights if scene.programme else {}
     names = [channel.name for channel in given]
-    for name in weights:
+    fixed = dict[str, float]()
+    for name, text in weights.items():
+        key = f"programme.weights.{name}"
         if name not in names:
-            raise SceneError(f"programme.weights.{name}: not one of the controls; {nearest(name, names)}")
+            raise SceneError(f"{key}: not one of the controls; {nearest(name, names)}")
+        value = fixed_number(text, key, scene.parameters)
+        if value is not None:
+            if not value > 0.0:
+                raise SceneError(f"{key} = {text!r:.80}: a weight is above 0")
+            fixed[name] = value
     force = total_mass(mechanism) * (scene.gravity or 9.81)
     moment = force * (total_length(mechanism) or 1.0)
-    scales = [weights[c.name] ** -0.5 if c.name in weights else (moment if c.unit == "N m" else force) for c in given]
+    scales = [fixed[c.name] ** -0.5 if c.name in fixed else (moment if c.unit == "N m" else force) for c in given]
     return np.array(scales)
 
 

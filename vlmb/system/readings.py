@@ -108,9 +108,12 @@ def no_direction(force: GeneralizedForce, layout: Layout) -> SingularError:
 
 def make_readings(
     mechanism: Mechanism, roots: Sequence[Expression | Equation], forces: Sequence[GeneralizedForce] = (),
-    scales: Sequence[float] | None = None,
+    scales: Sequence[float] | None = None, rows: int | None = None,
 ) -> Readings:  # fmt: skip
-    """Compile equations and laws (roots) and forces with their scales for Pinocchio's state. Raises ExpressionError."""
+    """Compile equations and laws (roots) and forces with their scales for Pinocchio's state. Raises ExpressionError.
+
+    rows : how many roots are rows, the others are read by value; None: all
+    """
     scene, layout = mechanism.scene, mechanism.layout
     arrays = make_arrays(scene, layout, sliding=True, driven=True)
     table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
@@ -122,7 +125,7 @@ def make_readings(
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, roots), parameters) | {
         packed.KIND: quantities.kind, packed.TREE_SHAPE: arrays.tree.shape, packed.LINK: arrays.tree.link,
         packed.JOINT_SHAPE: np.array([layout.plane, layout.base_size]), packed.JOINT: _joints(arrays),
-        packed.FORM: np.array([form_of_row(row.position, row.angle) for row in compiled.rows], np.int64),
+        packed.FORM: np.array([form_of_row(row.position, row.angle) for row in compiled.rows[:rows]], np.int64),
         packed.LEVELS: table.levels(), packed.ALONG: np.array(along, np.int64),
         packed.OFFSET: quantities.offset, packed.SHARE: quantities.share, packed.BASE: arrays.tree.base,
         packed.REAL: arrays.tree.real, packed.GIVEN: arrays.given,

@@ -19,7 +19,7 @@ from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
 from vlmb.core.packed import FORM, MEASURED, RESIDUAL, Packed, pack, tape_parts
 from vlmb.core.readings import TRACE, Readings
 from vlmb.errors import SceneError, nearest
-from vlmb.model.laws import law_breaks, parameter_values, prepared, tape_breaks
+from vlmb.model.laws import parameter_values, prepared, tape_breaks
 from vlmb.model.names import AXES, DOT
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import Row, RobotForce, RobotQuantity, allowed_names
@@ -30,7 +30,7 @@ from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, SURFACE, Place, Posture, Programme, Run, Spring
 from vlmb.system.constraints import Constraint
 from vlmb.system.core_rows import gain_table
-from vlmb.system.gains import gain_matrices, require_decay, stability_report
+from vlmb.system.gains import MovingGains, fixed_number, gain_matrices, moving_gains, require_decay, stability_report
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
 
@@ -127,8 +127,6 @@ class RobotSystem:
         """Return the times in (start, end) where a law or a row switches. Raises SceneError for too many."""
         texts = ", ".join(row.text for row in self.compiled.rows)
         found = {*tape_breaks(self.compiled, self.parameters, start, end, texts)} if self.compiled.rows else set[float]()
-        if self.plan is not None and self.plan.free is not None:
-            found |= {*law_breaks(self.plan.free, start, end)}
         return tuple(sorted(found))
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
@@ -370,11 +368,17 @@ def _scales(mechanism: RobotMechanism, programme: Programme, controls: Sequence[
     for name in programme.weights:
         if name not in names:
             raise SceneError(f"programme.weights.{name}: not one of the controls; {nearest(name, names)}")
+    given = dict[str, float]()
+    for name, text in programme.weights.items():
+        value = fixed_number(text, f"programme.weights.{name}", mechanism.scene.parameters)
+        if value is None or not value > 0.0:
+            raise SceneError(f"programme.weights.{name} = {text!r:.80}: a number above 0, or an expression of parameters")
+        given[name] = value
     weight = mechanism.table.mass * (mechanism.scene.gravity or 9.81)
     limits = effort_limits(mechanism, controls)
     default = [limit if math.isfinite(limit) else weight for limit in limits.tolist()]
     return np.array([
-        programme.weights[name] ** -0.5 if name in programme.weights else scale for name, scale in zip(names, default, strict=True)
+        given[name] ** -0.5 if name in given else scale for name, scale in zip(names, default, strict=True)
     ])  # fmt: skip
 
 
@@ -390,10 +394,14 @@ def _plan(
         if f"T_{name}" not in known:
             joints = [force.along for force in known.values() if force.joint]
             raise SceneError(f"programme.posture.weights.{name}: no joint of a robot; {nearest(name, joints)}")
+    names = allowed_names(mechanism.names, [*mechanism.scene.parameters, *mechanism.signals])
+    moving = moving_gains(programme, [force.name for force in controls], names, mechanism.scene.parameters)
+    if moving.laws:
+        raise SceneError(f"{moving.laws[0].key}: with robots gains and weights are numbers, or expressions of parameters")
     step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
     own = max(1.0, math.sqrt(max(mechanism.scene.gravity, 1e-3)))
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
-    h, k = gain_matrices(programme, holonomic.tolist(), own, step)
+    h, k = gain_matrices(programme, holonomic.tolist(), own, step, mechanism.scene.parameters)
     decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
@@ -405,7 +413,7 @@ def _plan(
         second_h, second_k = gain_matrices(given, second_holonomic.tolist(), own, step)
     return ProgrammePlan(
         tuple(row.text for row in rows), tuple(force.name for force in controls), _scales(mechanism, programme, controls),
-        holonomic, h, k, decay, None, second_holonomic, second_h, second_k,
+        holonomic, h, k, decay, MovingGains(), second_holonomic, second_h, second_k,
     )  # fmt: skip
 
 

@@ -15,7 +15,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
-from vlmb.model.laws import law_breaks
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST
@@ -163,16 +162,14 @@ class System:
     def _named(self) -> frozenset[int]:
         """Links whose azimuth or elevation an equation or a law names."""
         rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
+        rows += [law.names for law in self.constraints.behind] if self.constraints else []
         names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters, *self.mechanism.signals}
         read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.written)) for name in group - own]
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 
     def breaks(self, start: float, end: float) -> set[float]:
-        """Return the times in (start, end) where a force's law, an equation or u0 switches. Raises SceneError for too many."""
-        found = {*self.forces.breaks(start, end), *(self.constraints.breaks(start, end) if self.constraints else ())}
-        if self.programme is not None and self.programme.free is not None:
-            found |= {*law_breaks(self.programme.free, start, end)}
-        return found
+        """Return the times in (start, end) where a law, an equation or a gain switches. Raises SceneError for too many."""
+        return {*self.forces.breaks(start, end), *(self.constraints.breaks(start, end) if self.constraints else ())}
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""

@@ -69,23 +69,12 @@ def parsed(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> 
         known = [option for action in own._actions for option in action.option_strings]
         hints = [nearest(entry.partition("=")[0], known) for entry in others if entry.startswith("-")]
         own.error(f"unrecognized arguments: {' '.join(others)}" + "".join(f"; {hint}" for hint in hints[:1]))
-    if args.command == "plot":
-        args.runs, args.only = _apart(args.runs, args.only)
-        if not args.runs:
-            own.error("the following arguments are required: runs")
-    if args.command == "matrices":
-        scenes = [args.scene] if args.scene else []
-        for name in ("block", "at"):
-            groups = [_apart([], group) for group in getattr(args, name)]
-            scenes += [file for files, _ in groups for file in files]
-            setattr(args, name, [names or [] for _, names in groups])
-        if len(scenes) != 1:
-            own.error(f"more than one scene: {', '.join(scenes)}" if scenes else "the following arguments are required: scene")
-        args.scene = scenes[0]
+    if args.settle is not None:
+        args.settle(args, own)
     return args
 
 
-def _apart(files: list[str], names: list[str] | None) -> tuple[list[str], list[str] | None]:
+def apart(files: list[str], names: list[str] | None) -> tuple[list[str], list[str] | None]:
     """Take files out of a list of names that swallowed them."""
     swallowed = [entry for entry in names or [] if "=" not in entry and Path(entry).suffix in (".npz", ".toml")]
     return files + swallowed, names and [entry for entry in names if entry not in swallowed]
