@@ -22,7 +22,8 @@ from vlmb.simulation.named import Named, Residual, largest
 from vlmb.simulation.storage import checked_path, write_columns
 from vlmb.simulation.trajectory import Trajectory, versions
 from vlmb.system.robot_engine import RobotEngine
-from vlmb.system.robot_system import NO_LIMIT, RobotSystem, effort_limits, make_robot_system
+from vlmb.system.robot_programme import NO_LIMIT, effort_limits
+from vlmb.system.robot_system import RobotSystem, make_robot_system
 from vlmb.system.robot_workspace import RobotWorkspace
 from vlmb.system.start import Start
 

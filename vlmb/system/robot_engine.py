@@ -30,7 +30,8 @@ from vlmb.errors import SceneError, VlmbError
 from vlmb.model.layout import State
 from vlmb.system import interrupts
 from vlmb.system.events import FALLING, LIMIT, Event
-from vlmb.system.robot_system import NO_LIMIT, RobotSystem, effort_limits
+from vlmb.system.robot_programme import NO_LIMIT, effort_limits
+from vlmb.system.robot_system import RobotSystem
 from vlmb.system.robot_workspace import SIDEWAYS, RobotWorkspace
 from vlmb.system.worth import RowState
 

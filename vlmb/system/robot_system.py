@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +17,7 @@ from vlmb.core.bodies import move
 from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
 from vlmb.core.packed import FORM, MEASURED, RESIDUAL, Packed, pack, tape_parts
 from vlmb.core.readings import TRACE, Readings
-from vlmb.errors import SceneError, nearest
+from vlmb.errors import SceneError
 from vlmb.model.laws import parameter_values, prepared, tape_breaks
 from vlmb.model.names import AXES, DOT
 from vlmb.model.robot_mechanism import RobotMechanism
@@ -27,17 +26,16 @@ from vlmb.model.tape import CompiledTape, Leaf, compile_tape
 from vlmb.scene.expressions import Expression, parse, parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, SURFACE, Place, Posture, Programme, Run, Spring
+from vlmb.scene.tables import SURFACE, Place, Posture, Run, Spring
 from vlmb.system.constraints import Constraint
 from vlmb.system.core_rows import gain_table
-from vlmb.system.gains import MovingGains, fixed_number, gain_matrices, moving_gains, require_decay, stability_report
+from vlmb.system.gains import require_decay
 from vlmb.system.programme import ProgrammePlan
+from vlmb.system.robot_programme import make_robot_plan
 from vlmb.system.readings import form_of_row
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-NO_LIMIT = 1e29
 
 
 class Elastic(NamedTuple):
@@ -215,7 +213,7 @@ def make_robot_system(
         info.append(Constraint(row.name, facts.position, facts.angle, equation.names, facts.working))
     if ideal:
         require_decay(run)
-    plan = None if programme is None else _plan(mechanism, programme, controls, info[ideal : ideal + servo], info[ideal + servo :], run)
+    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, info[ideal : ideal + servo], info[ideal + servo :], run)
     forms = [form_of_row(facts.position, facts.angle) for facts in compiled.rows[: len(equations)]]
     readings = quantities.made()
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, [*equations, *roots]), parameters) | {
@@ -351,69 +349,3 @@ def _segments(mechanism: RobotMechanism) -> Segments:
                 found.append((joint.idx_q, joint.idx_v, segment.stiffness, segment.damping, segment.rest_length))
     columns = np.array(found, float).reshape(-1, 5).T
     return Segments(columns[0].astype(np.int64), columns[1].astype(np.int64), *columns[2:])
-
-
-def effort_limits(mechanism: RobotMechanism, forces: Sequence[RobotForce]) -> Array:
-    """Return the efforts [N, N m] that the URDF allows each force; infinite where it tells none."""
-    model, found = mechanism.model, []
-    for force in forces:
-        limit = float(model.upperEffortLimit[model.joints[force.joint].idx_v]) if force.joint else math.inf
-        found.append(limit if 0.0 < limit < NO_LIMIT else math.inf)
-    return np.array(found)
-
-
-def _scales(mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce]) -> Array:
-    """1/sqrt(R_s): a given weight, the URDF's effort limit, or m g (forces), m g times a metre (moments)."""
-    names = [force.name for force in controls]
-    for name in programme.weights:
-        if name not in names:
-            raise SceneError(f"programme.weights.{name}: not one of the controls; {nearest(name, names)}")
-    given = dict[str, float]()
-    for name, text in programme.weights.items():
-        value = fixed_number(text, f"programme.weights.{name}", mechanism.scene.parameters)
-        if value is None or not value > 0.0:
-            raise SceneError(f"programme.weights.{name} = {text!r:.80}: a number above 0, or an expression of parameters")
-        given[name] = value
-    weight = mechanism.table.mass * (mechanism.scene.gravity or 9.81)
-    limits = effort_limits(mechanism, controls)
-    default = [limit if math.isfinite(limit) else weight for limit in limits.tolist()]
-    return np.array([
-        given[name] ** -0.5 if name in given else scale for name, scale in zip(names, default, strict=True)
-    ])  # fmt: skip
-
-
-def _plan(
-    mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce], rows: Sequence[Constraint],
-    second: Sequence[Constraint], run: Run,
-) -> ProgrammePlan:  # fmt: skip
-    """Choose gains and check them. Raises SceneError for too few controls and for gains under which errors would grow."""
-    if len(rows) > len(controls):
-        raise SceneError(f"programme: {len(rows)} rows need at least as many controls; there are {len(controls)}")
-    known = mechanism.names.forces
-    for name in (programme.posture or Posture()).weights:
-        if f"T_{name}" not in known:
-            joints = [force.along for force in known.values() if force.joint]
-            raise SceneError(f"programme.posture.weights.{name}: no joint of a robot; {nearest(name, joints)}")
-    names = allowed_names(mechanism.names, [*mechanism.scene.parameters, *mechanism.signals])
-    moving = moving_gains(programme, [force.name for force in controls], names, mechanism.scene.parameters)
-    if moving.laws:
-        raise SceneError(f"{moving.laws[0].key}: with robots gains and weights are numbers, or expressions of parameters")
-    step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
-    own = max(1.0, math.sqrt(max(mechanism.scene.gravity, 1e-3)))
-    holonomic = np.array([row.holonomic for row in rows], dtype=bool)
-    h, k = gain_matrices(programme, holonomic.tolist(), own, step, mechanism.scene.parameters)
-    decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
-    second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
-    second_h = second_k = np.zeros((0, 0))
-    if second:
-        frequency = programme.secondary_frequency or programme.frequency
-        given = msgspec.structs.replace(
-            programme, frequency=frequency, gains=None if frequency is not None else "auto", damping_ratio=1.0, h=None, k=None
-        )
-        second_h, second_k = gain_matrices(given, second_holonomic.tolist(), own, step)
-    return ProgrammePlan(
-        tuple(row.text for row in rows), tuple(force.name for force in controls), _scales(mechanism, programme, controls),
-        holonomic, h, k, decay, MovingGains(), second_holonomic, second_h, second_k,
-    )  # fmt: skip
-
-
