@@ -7,9 +7,9 @@ from vlmb._version import __version__
 from vlmb.equations.accelerations import accelerations
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, TrajectoryError, VlmbError
+from vlmb.model.building import build
 from vlmb.model.display import Displayed
 from vlmb.model.layout import State
-from vlmb.model.building import build
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.scene import Scene, load_scene
 from vlmb.scene.tables import (

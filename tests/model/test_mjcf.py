@@ -28,7 +28,7 @@ START = {"phi1": 0.3, "psi1": -1.0, "phi2": 0.5, "psi2": -0.6, "psi3": -0.3, "ph
 SCENES: dict[str, dict[str, Any]] = {
     "pivot": {"base": {"kind": "pivot"}, "links": FORK, "start": START},
     "free": {"base": {"kind": "free", "mass": 1.5}, "links": FORK, "start": {**START, "x_dot": 1.0, "z_dot": 2.0}, "slope": 0.2},
-    "plane": {"base": {"kind": "pivot"}, "plane": True, "links": FORK, "start": {k: v for k, v in START.items() if "phi" not in k}},
+    "plane": {"base": {"kind": "pivot"}, "plane": True, "links": FORK, "start": {k: START[k] for k in START if "phi" not in k}},
 }
 
 

@@ -29,8 +29,9 @@ class Reader:
         self.count, self.model = len(rows), mechanism.model
         self.bodies = table.bodies()
         self.readings = Readings(
-            table.frame, table.place, np.array(rows, np.int64), np.array(offsets), np.zeros((len(rows), 2)), np.array([table.mass])
-        )
+            table.frame, table.place, np.array(rows, np.int64), np.array(offsets), np.zeros((len(rows), 2)),
+            np.array([table.mass]),
+        )  # fmt: skip
         self.angles = np.array([*(quantity.angle for quantity in found), False])
         self.chosen = np.arange(len(rows))
 

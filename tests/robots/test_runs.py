@@ -197,8 +197,8 @@ def test_a_link_on_a_robot_does_not_depend_on_its_gauge(monkeypatch: pytest.Monk
 
 PENDULUM = """<robot name="link"><link name="base"/>
 <link name="a"/><link name="b"/>
-<link name="rod"><inertial><origin xyz="0.25 0 0"/><mass value="3"/><inertia ixx="0" iyy="0.0625" izz="0.0625" ixy="0" ixz="0" iyz="0"/>
-</inertial></link>
+<link name="rod"><inertial><origin xyz="0.25 0 0"/><mass value="3"/>
+<inertia ixx="0" iyy="0.0625" izz="0.0625" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="azimuth" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
 <joint name="elevation" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 -1 0"/></joint>
 <joint name="slide" type="prismatic"><parent link="b"/><child link="rod"/><axis xyz="1 0 0"/>
@@ -223,7 +223,8 @@ def test_a_link_scene_written_as_a_robot_moves_as_the_links_do(tmp_path: Path) -
 
 def test_springs_between_points_keep_the_account() -> None:
     springs = [{"between": ["arm.tool0", [0.6, 0.0, 0.8]], "stiffness": 200.0, "damping": 3.0, "rest": 0.2}]
-    trajectory = run(arm(springs=[*springs, {**springs[0], "between": ["arm.forearm_link", [0.0, 0.5, 0.5]], "tension_only": True}]))
+    rope = {**springs[0], "between": ["arm.forearm_link", [0.0, 0.5, 0.5]], "tension_only": True}
+    trajectory = run(arm(springs=[*springs, rope]))
     assert np.abs(trajectory["balance"]).max() < 1e-6 * trajectory["kinetic"].max()
     assert trajectory["dissipated"][-1] > 0.0 and trajectory["spring"].max() > 1.0
 
@@ -259,12 +260,15 @@ def test_a_control_callable_acts_and_is_recorded() -> None:
 
 
 HOSTILE = {
-    "../up.urdf": "by a relative path", "/etc/passwd": "by a relative path", "x.xacro": "xacro is not run", "none.urdf": "no such file",
+    "../up.urdf": "by a relative path", "/etc/passwd": "by a relative path", "x.xacro": "xacro is not run",
+    "none.urdf": "no such file",
     "<robot><link name='a'/><link name='b'/></robot>": "2 links have no parent",
     "<robot><link name='a'/><link name='a'/></robot>": "two links are called",
     "<!DOCTYPE r [<!ENTITY a 'b'>]><robot/>": "DOCTYPE", "<robot": "is no XML", "<sdf/>": "a URDF has <robot>",
     "<robot xmlns:xacro='http://x'><xacro:macro/></robot>": "xacro",
-    "<robot><link name='a'/><link name='b'/><joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint></robot>": "nothing",
+    "<robot><link name='a'/><link name='b'/><joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint></robot>": (
+        "nothing"
+    ),
     "<robot><link name='a'><inertial><mass value='nan'/></inertial></link></robot>": "finite number",
     "<robot><link name='a'/><joint name='j' type='revolute'><parent link='c'/><child link='a'/></joint></robot>": "no link 'c'",
 }

@@ -1,4 +1,4 @@
-"""Equations, laws and forces on a tree of bodies: rows that hold frames, rows of a tape, and what forces are over the velocities."""
+"""Equations, laws and forces on a tree of bodies: rows that hold frames, rows of a tape, forces over the velocities."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def rows_of_frames(
     kind: Integers, offset: Array, reference: Array, mass: Array, welds: Integers, edges: Integers, along: Integers,
     joints: int, sideways: int, t: float, q: Array, v: Array, q_rate: Array, out: Array, matrix: Array, values: Array,
 ) -> bool:  # fmt: skip
-    """Write q', z, z' and drift into `out` (3, rows), rows and then forces over v into `matrix`, the values of laws into `values`.
+    """Write q'; z, z' and drift into `out` (3, rows); rows, then forces over v into `matrix`; the values of laws into `values`.
 
-    Rows are those of welds (six each), of edges, v[sideways] = 0 of a ski (-1: there is none), of the tape; roots of the tape after those are laws. False: something is not
-    finite.
+    Rows are those of welds (six each), of edges, v[sideways] = 0 of a ski (-1: there is none), of the tape; roots of the tape
+    after those are laws. False: something is not finite.
     """
     bodies = Bodies(joint, real, state, jacobian)
     readings = Readings(frame, place, kind, offset, reference, mass)

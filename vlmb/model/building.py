@@ -29,8 +29,10 @@ def build(what: Scene | str | Path | Mapping[str, Any] | Any, name: str = "robot
     if is_model(what):
         from vlmb.model.robot_mechanism import RobotMechanism
 
-        scene = Scene.from_dict({"name": what.name or name, "base": {"kind": "pivot"}, "robots": [{"name": name, "urdf": "<robot/>"}]})
-        return _looked_at(RobotMechanism(scene, what))
+        model: Any = what
+        robot = {"name": name, "urdf": "<robot/>"}
+        scene = Scene.from_dict({"name": model.name or name, "base": {"kind": "pivot"}, "robots": [robot]})
+        return _looked_at(RobotMechanism(scene, model))
     scene = as_scene(what)
     if scene.robots:
         from vlmb.model.robot_mechanism import RobotMechanism

@@ -116,7 +116,8 @@ class _Writer:
         closing: list[int | str] = ["</body>", *reversed(self.children.get((link.name, "rod"), []))]
         hanging = list[int | str](reversed(self.children.get((link.name, "tip"), [])))
         if index.upper.joint:
-            opening = [f'<body name="{link.name}.upper" pos="{_numbers([start + link.rod.length, 0.0, 0.0])}">', f"  {_slide(link, 2)}"]
+            end = _numbers([start + link.rod.length, 0.0, 0.0])
+            opening = [f'<body name="{link.name}.upper" pos="{end}">', f"  {_slide(link, 2)}"]
             opening.append(f"  {_inertial(link.tip_mass, 0.0, (0.0, 0.0, 0.0))}")
             stack += [*closing, "</body>", *hanging, *reversed(opening)]
         else:

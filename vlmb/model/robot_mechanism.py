@@ -13,8 +13,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.core import bodies as core
-from vlmb.core.frame_rows import read_all
 from vlmb.core.bodies import Bodies, move
+from vlmb.core.frame_rows import read_all
 from vlmb.core.readings import HEADING, Readings
 from vlmb.errors import SceneError, finite, nearest
 from vlmb.model.display import Displayed
@@ -160,7 +160,7 @@ class RobotMechanism(Remade, Displayed):
         return Readings(table.frame, table.place, kinds, np.zeros(len(kinds)), np.zeros((len(kinds), 2)), np.array([table.mass]))
 
     def read(self, q: Array, v: Array, near: Array | None = None) -> tuple[Array, Array]:
-        """Read coordinates and rates (N, coordinates) of samples, angles on the branch that goes on from `near` (coordinates,)."""
+        """Read coordinates and rates (N, coordinates) of samples, angles on the branch that goes on from `near`."""
         readings, bodies, entries = self._readings, self.table.bodies(), self.names.entries
         reference = np.zeros((len(entries), 2))
         readings = readings._replace(reference=reference)
@@ -173,7 +173,8 @@ class RobotMechanism(Remade, Displayed):
                 reference[:, 0] = reference[:, 1] = last
                 for at in branches:  # azimuth and elevation of a link, next to each other
                     reference[at : at + 2] = last[at], last[at + 1]
-            read_all(*bodies, *readings, chosen, np.ascontiguousarray(q[i]), np.ascontiguousarray(v[i]), out)
+            arguments: tuple[Any, ...] = (*bodies, *readings, chosen, np.ascontiguousarray(q[i]), np.ascontiguousarray(v[i]), out)
+            read_all(*arguments)
             bad = np.isnan(out[:, 0])
             values[i], rates[i] = out[:, 0], np.nan_to_num(out[:, 1])
             if bad.any():  # an azimuth at the pole: it stays
@@ -188,7 +189,8 @@ class RobotMechanism(Remade, Displayed):
         readings = Readings(table.frame, table.place, row, offset, np.zeros((1, 2)), np.array([table.mass or 1.0]))
         out, chosen, found = np.zeros((1, 3)), np.zeros(1, np.int64), np.zeros(len(q))
         for i in range(len(q)):
-            read_all(*bodies, *readings, chosen, np.array(q[i]), np.array(v[i]), out)
+            arguments: tuple[Any, ...] = (*bodies, *readings, chosen, np.array(q[i]), np.array(v[i]), out)
+            read_all(*arguments)
             found[i] = out[0, 1] if quantity.rate else out[0, 0]
         return np.unwrap(found) if quantity.angle and not quantity.rate else found
 
@@ -243,8 +245,8 @@ class RobotMechanism(Remade, Displayed):
         if kind in (core.REVOLUTE, core.PRISMATIC):
             _, q[at], v[k] = values[0]
         elif kind == core.PLANAR:
-            (x, y, turn), (dx, dy, spin) = ([entry[which] for entry in values] for which in (1, 2))
-            c, s = math.cos(turn), math.sin(turn)
+            (x, y, angle), (dx, dy, spin) = [entry[1] for entry in values], [entry[2] for entry in values]
+            c, s = math.cos(angle), math.sin(angle)
             q[at : at + 4], v[k : k + 3] = (x, y, c, s), (c * dx + s * dy, c * dy - s * dx, spin)
         elif kind == core.FREE:
             place, change = np.array([entry[1] for entry in values]), np.array([entry[2] for entry in values])
@@ -253,7 +255,7 @@ class RobotMechanism(Remade, Displayed):
             v[k : k + 3] = turn.T @ change[:3]
             v[k + 3 : k + 6] = turn.T @ (pin.rpy.computeRpyJacobian(place[3:], pin.LOCAL_WORLD_ALIGNED) @ change[3:])
         elif kind == core.BALL:
-            (phi, psi), (dphi, dpsi) = ([entry[which] for entry in values[:2]] for which in (1, 2))
+            (phi, psi), (dphi, dpsi) = [entry[1] for entry in values[:2]], [entry[2] for entry in values[:2]]
             d = np.array([math.cos(phi) * math.cos(psi), math.sin(phi) * math.cos(psi), math.sin(psi)])
             side = np.array([-math.sin(phi), math.cos(phi), 0.0])
             up = np.cross(d, side)
@@ -293,6 +295,6 @@ def joint_kind(model: Any, joint: int) -> tuple[int, Array]:
         turns = bool(np.abs(subspace[3:]).max() > 0.0)
         return (core.REVOLUTE if turns else core.PRISMATIC), subspace[3:] if turns else subspace[:3]
     raise SceneError(
-        f"joint {model.names[joint]!r} is a {name.removeprefix('JointModel')}: joints turn or slide about one axis, and a root is "
-        "free or planar"
+        f"joint {model.names[joint]!r} is a {name.removeprefix('JointModel')}: joints turn about one axis or slide along it, and "
+        "a root is free or planar"
     )

@@ -47,7 +47,7 @@ def identifier(name: str) -> str:
 
 def assemble(scene: Scene) -> Robots:
     """Make the model. Raises SceneError for files, frames, joints and postures that are not there or not usable."""
-    model, left_out, reference = pin.Model(), [], np.zeros(0)
+    model, left_out, reference = pin.Model(), list[str](), np.zeros(0)
     texts: list[RobotText | None] = []
     given: set[str] = set()
     model.name, model.gravity.linear = scene.name, np.array(scene.surface_gravity)
@@ -70,18 +70,18 @@ def assemble(scene: Scene) -> Robots:
     numbers = {link.name: at + 1 for at, link in enumerate(scene.links)}
     links: list[tuple[str, int]] = []
     for root in (link for link in scene.links if link.parent == BASE or link.parent not in numbers):
-        sub, lengths, names = _links(scene, root)
+        sub, lengths, members = _links(scene, root)
         where = frame_id(model, scene, "ski" if root.parent == BASE and scene.base.kind == "ski" else root.parent, "links")
         model, reference = _append(model, reference, sub, lengths, where, root.anchor if root.parent == BASE else None)
-        links += [(name, numbers[name]) for name in names]
+        links += [(name, numbers[name]) for name in members]
     if not model.nv:
-        raise SceneError("robots: nothing of this scene moves: no joint does; attach a robot with root = 'free', or unlock joints")
+        raise SceneError("robots: nothing of this scene moves: no joint does; attach a robot by root = 'free', or unlock joints")
     if not model.check(model.createData()):
         raise SceneError("internal: joints are not depth-first; mass matrices would be wrong")  # pragma: no cover
     names = tuple(robot.name for robot in scene.robots)
     return Robots(
-        model, names, tuple(texts), frame_names(model, scene.robots), reference, frozenset(given), tuple(sorted(links, key=_number)),
-        tuple(left_out),
+        model, names, tuple(texts), frame_names(model, scene.robots), reference, frozenset(given),
+        tuple(sorted(links, key=_number)), tuple(left_out),
     )  # fmt: skip
 
 
@@ -216,7 +216,7 @@ def frame_id(model: Any, scene: Scene, name: str, key: str) -> int:
 
 
 def frame_names(model: Any, robots: Sequence[Robot]) -> dict[str, int]:
-    """Return frames by name: `ski`, `talos.left_sole_link` and its alias `talos.left_foot`, both plain where there is one robot."""
+    """Return frames by name: `ski`, `talos.left_sole_link`, its alias `talos.left_foot`; plain too where there is one robot."""
     found: dict[str, int] = {}
     for at, frame in enumerate(model.frames):
         if frame.type != pin.FrameType.JOINT or frame.name not in found:
@@ -249,12 +249,12 @@ def _links(scene: Scene, root: Link) -> tuple[Any, Array, list[str]]:
     for link in members:
         for which in (1, 2):
             if link.segment(which).motion == "prescribed":
-                raise SceneError(f"links: {link.name!r} has a prescribed segment; in scenes with robots segments are free or fixed")
+                raise SceneError(f"links: {link.name!r} has a prescribed segment; with robots segments are free or fixed")
     sub = build(Scene(name="links", base=Base(kind="pivot"), links=tuple(members)))
     model = pin.Model(sub.model)
     q = pin.neutral(model)
-    for link in sub.layout.links:
-        for segment in (link.lower, link.upper):
+    for index in sub.layout.links:
+        for segment in (index.lower, index.upper):
             if segment.joint:
                 q[segment.q] = segment.length
     return model, q, [link.name for link in members]

@@ -131,8 +131,7 @@ class RobotNames(Collection[str]):
 
     def _of_links(self) -> Iterator[Coordinate]:
         for link, number in self.robots.links:
-            for entry in self.link_coordinates(link, number):
-                yield entry
+            yield from self.link_coordinates(link, number)
 
     def link_coordinates(self, link: str, number: int) -> Iterator[Coordinate]:
         """Coordinates of a link: azimuth, elevation, the segments that move."""

@@ -94,7 +94,8 @@ def _type_at(path: str, root: type) -> Any:
     current: Any = root
     tables = {"base": Base, "links": Link, "rod": Rod, "lower": Segment, "upper": Segment,
               "forces": Force, "springs": Spring, "programme": Programme, "run": Run, "data": Data,
-              "smooth": Smoothing, "robots": Robot, "attach": Attach, "welds": Weld, "edges": Edge, "posture": Posture}  # fmt: skip
+              "smooth": Smoothing, "robots": Robot, "attach": Attach, "welds": Weld, "edges": Edge,
+              "posture": Posture}  # fmt: skip
     for part in filter(None, re.split(r"[.\[\]]+", re.sub(r"\[(\.\.\.|\d+)\]", "", path))):
         current = tables.get(part, part)
     return current

@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 
 
 def simulate_robots(
-    mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None, start: End | Mapping[str, float] | None,
-    t0: float, progress: Callable[[float], None] | None,
+    mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None,
+    start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None,
 ) -> RobotTrajectory:  # fmt: skip
     """Simulate with checked options; see `vlmb.simulate`."""
     if start is not None:
@@ -82,7 +82,8 @@ def begun_at(mechanism: RobotMechanism, start: End | Mapping[str, float]) -> Rob
         kept: dict[str, Any] = {}
     elif isinstance(start, Mapping):
         given = names.canonical(start, "start")
-        over = {*given, *(("x_dot", "y_dot") if "speed" in given else ()), *(("speed",) if {"x_dot", "y_dot"} & given.keys() else ())}
+        over = {*given, *(("x_dot", "y_dot") if "speed" in given else ())}
+        over |= {"speed"} if {"x_dot", "y_dot"} & given.keys() else set()
         kept = {name: value for name, value in names.canonical(data.get("start", {}), "start").items() if name not in over}
     else:
         raise SceneError(f"start = {start!r:.80}: must be the end of a run, or a dict of coordinates and rates by name")
@@ -138,8 +139,7 @@ def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
     programme, notes = engine.workspace.programme, []
     if programme is not None:
         rank, condition = programme.rank(programme.control_matrix)
-        notes.append(
-            f"programme: {programme.report}; G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-        )
+        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
+        notes.append(f"programme: {programme.report}; {controllable}")
         notes += engine.workspace.unreached()
     return CheckedRobots(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))

@@ -20,21 +20,34 @@ SHOWN = 8  # controls and limits, those of the largest shares first
 class Told(Protocol):
     """What of a run the summary reads: see `RobotTrajectory`."""
 
-    scene: Any
-    t: Array
-    t0: float
-    run: Any
-    status: str
-    message: str
-    adjustments: tuple[str, ...]
-    doubts: tuple[str, ...]
-    stats: dict[str, Any]
-    residuals: Mapping[str, Any]
-    reactions: Mapping[str, Array]
-    controls: Mapping[str, Array]
-    work_by_force: dict[str, Array]
-    shares: dict[str, float]
-
+    @property
+    def scene(self) -> Any: ...  # noqa: D102
+    @property
+    def t(self) -> Array: ...  # noqa: D102
+    @property
+    def t0(self) -> float: ...  # noqa: D102
+    @property
+    def run(self) -> Any: ...  # noqa: D102
+    @property
+    def status(self) -> str: ...  # noqa: D102
+    @property
+    def message(self) -> str: ...  # noqa: D102
+    @property
+    def adjustments(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def doubts(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def stats(self) -> dict[str, Any]: ...  # noqa: D102
+    @property
+    def residuals(self) -> Mapping[str, Any]: ...  # noqa: D102
+    @property
+    def reactions(self) -> Mapping[str, Array]: ...  # noqa: D102
+    @property
+    def controls(self) -> Mapping[str, Array]: ...  # noqa: D102
+    @property
+    def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
+    @property
+    def shares(self) -> dict[str, float]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
 
 
@@ -49,7 +62,8 @@ def summarize_robots(run: Told, programme: str) -> str:
     lines += [
         f"{'FAILED  ' if run.status == 'failed' else ''}{run.scene.name}: {run.message}",
         f"  simulated        {lasted:.6g} s in {wall:.3g} s ({lasted / wall:.3g} times real time)",
-        f"  method           {options.method} ({chosen}), {run.stats['steps']} steps, {run.stats['rhs_evaluations']} right-hand sides",
+        f"  method           {options.method} ({chosen}), {run.stats['steps']} steps, "
+        f"{run.stats['rhs_evaluations']} right-hand sides",
         f"  energy balance   {off:.2e} J ({share:.1e} of the largest kinetic energy)",
     ]
     for name, residual in run.residuals.items():
@@ -73,7 +87,7 @@ def _controls(run: Told) -> list[str]:
     if not run.controls:
         return []
     shares = {name: run.shares.get(f"effort:{name}") for name in run.controls}
-    order = sorted(run.controls, key=lambda name: -(shares[name] if shares[name] is not None else 0.0))
+    order = sorted(run.controls, key=lambda name: -(shares[name] or 0.0))
     found = []
     for name in order[:SHOWN]:
         share = shares[name]

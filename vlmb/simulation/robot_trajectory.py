@@ -1,4 +1,4 @@
-"""The trajectory of a scene with robots: what a run returns, saves and loads. Everything but the states is computed when asked for."""
+"""The trajectory of a scene with robots. Everything but the states is computed when asked for."""
 
 from __future__ import annotations
 
@@ -58,10 +58,11 @@ class RobotTrajectory(Trajectory):
             told = (*told, *engine.workspace.unreached())
 
         def made(doubts: tuple[str, ...]) -> RobotTrajectory:
+            mechanism: Any = system.mechanism
             found = RobotTrajectory(
-                system.mechanism, recorded.t, states, engine.name, inputs, system.inputs, branch, system.run, status, message,
+                mechanism, recorded.t, states, engine.name, inputs, system.inputs, branch, system.run, status, message,
                 told, stats, versions(), float(t0), doubts,
-            )  # type: ignore[arg-type]  # fmt: skip
+            )  # fmt: skip
             found.__dict__["system"] = system
             return found
 
@@ -201,7 +202,10 @@ class RobotTrajectory(Trajectory):
             at = [k for k, row in enumerate(info[:rows]) if row.text == name]
             if at[0] < system.eliminated:
                 reactions[name] = read_only(lambdas[:, at] if len(at) > 1 else lambdas[:, at[0]])
-            position, velocity = (np.abs(errors[:, which, at]).max(axis=1) if len(at) > 1 else errors[:, which, at[0]] for which in (0, 1))
+            several = len(at) > 1
+            position, velocity = (
+                np.abs(errors[:, which, at]).max(axis=1) if several else errors[:, which, at[0]] for which in (0, 1)
+            )
             residuals[name] = Residual(
                 read_only(position) if info[at[0]].holonomic else None, read_only(velocity), equations.get(name, "")
             )
@@ -292,7 +296,8 @@ class RobotTrajectory(Trajectory):
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene; `load_trajectory` reads it. A wrapped pinocchio.Model has no scene to write."""
         if self.mechanism.given is not None:
-            raise TrajectoryError(f"{path}: a run of a wrapped pinocchio.Model has no scene that could be stored; save_csv writes it")
+            why = "a run of a wrapped pinocchio.Model has no scene that could be stored; save_csv writes its columns"
+            raise TrajectoryError(f"{path}: {why}")
         return super().save(path)
 
     def save_csv(self, path: str | Path) -> Path:

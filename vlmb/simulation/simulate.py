@@ -36,6 +36,7 @@ from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, Workspace, make_system
 
 if TYPE_CHECKING:
+    from vlmb.model.robot_mechanism import RobotMechanism
     from vlmb.simulation.robot_run import CheckedRobots
 
 Array = NDArray[np.float64]
@@ -48,7 +49,7 @@ NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
 
 
 def simulate(
-    scene: Scene | Mechanism | str | Path | Mapping[str, Any],
+    scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any],
     duration: float | None = None,
     method: str | None = None,
     rtol: float | None = None,
@@ -212,7 +213,7 @@ class Checked(NamedTuple):
         return f"{self.scene.name}: {self.report}"
 
 
-def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked | CheckedRobots:
+def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any]) -> Checked | CheckedRobots:
     """Do everything that comes before a run; raise what a run would.
 
     Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with

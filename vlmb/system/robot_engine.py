@@ -78,7 +78,8 @@ class RobotEngine:
         self.errors: list[VlmbError] = []
         self.asked: list[Array] = []
         self.failed_by: BaseException | None = None
-        self.limits = _Limits(system) if system.plan is not None and system.mechanism.scene.programme.limits == "stop" else None
+        programme = system.mechanism.scene.programme
+        self.limits = _Limits(system) if programme is not None and programme.limits == "stop" else None
         self.branching = [k for k, row in enumerate(self.workspace.readings.kind.tolist()) if row[0] in (HEADING, ELEVATION)]
 
     @property

@@ -135,7 +135,8 @@ def _meet(
             break
     else:
         raise _not_met(system, space, t, q, nothing, 0)
-    kept = {name.removesuffix(DOT) for name in values if name.endswith(DOT)} | ({"x", "y", "phi0"} & given if "speed" in values else set())
+    kept = {name.removesuffix(DOT) for name in values if name.endswith(DOT)}
+    kept |= {"x", "y", "phi0"} & given if "speed" in values else set()
     still = set(_columns(system, kept)) | ({0} if "speed" in values else set())
     for free in (sorted(every - still), sorted(every)):
         out, rows = _rows(space, t, q, v)
@@ -157,8 +158,8 @@ def _not_met(system: RobotSystem, space: RobotWorkspace, t: float, q: Array, v: 
     names = dict.fromkeys(repr(system.info[k].text) for k in np.argsort(-error) if error[k] > 0.1 * error.max())
     what = "posture" if which == 0 else "rates"
     return SceneError(
-        f"start: no {what} near it meet{'s' * (which == 0)} {', '.join(list(names)[:4])} (off by {error.max():.3g}): give a start "
-        "nearer to it, or drop one that contradicts another"
+        f"start: no {what} near it meet{'s' * (which == 0)} {', '.join(list(names)[:4])} (off by {error.max():.3g}): give a "
+        "start nearer to it, or drop one that contradicts another"
     )
 
 
@@ -170,8 +171,8 @@ def _refuse_singular(system: RobotSystem, q: Array) -> None:
         names = [name for at, name in enumerate(model.names) for _ in range(model.joints[at].nv if at else 0)]
         weak = listed(list(dict.fromkeys(singular_motion(mass, names))))
         raise SingularError(
-            f"the mass matrix is singular at the start (condition {condition:.1e}): {weak} move without inertia; the URDF tells no "
-            "mass or inertia for what they move: lock them (robots.locked), or start from another posture"
+            f"the mass matrix is singular at the start (condition {condition:.1e}): {weak} move without inertia; the URDF tells "
+            "no mass or inertia for what they move: lock them (robots.locked), or start from another posture"
         )
 
 

@@ -21,7 +21,7 @@ from vlmb.errors import SceneError
 from vlmb.model.laws import parameter_values, prepared, tape_breaks
 from vlmb.model.names import AXES, DOT
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.model.robot_names import Row, RobotForce, RobotQuantity, allowed_names
+from vlmb.model.robot_names import RobotForce, RobotQuantity, Row, allowed_names
 from vlmb.model.tape import CompiledTape, Leaf, compile_tape
 from vlmb.scene.expressions import Expression, parse, parse_equation
 from vlmb.scene.names import DAMPERS
@@ -31,8 +31,8 @@ from vlmb.system.constraints import Constraint
 from vlmb.system.core_rows import gain_table
 from vlmb.system.gains import require_decay
 from vlmb.system.programme import ProgrammePlan
-from vlmb.system.robot_programme import make_robot_plan
 from vlmb.system.readings import form_of_row
+from vlmb.system.robot_programme import make_robot_plan
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -213,7 +213,8 @@ def make_robot_system(
         info.append(Constraint(row.name, facts.position, facts.angle, equation.names, facts.working))
     if ideal:
         require_decay(run)
-    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, info[ideal : ideal + servo], info[ideal + servo :], run)
+    first, second = info[ideal : ideal + servo], info[ideal + servo :]
+    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, first, second, run)
     forms = [form_of_row(facts.position, facts.angle) for facts in compiled.rows[: len(equations)]]
     readings = quantities.made()
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, [*equations, *roots]), parameters) | {

@@ -108,8 +108,8 @@ class RobotWorkspace:
         names, springs = self.system.work_names, dict(self.system.elastic)
         self.slots = np.array([-1 if k in springs else names.index(f.name) for k, f in enumerate(self.system.forces)], np.intp)
         first = self.eliminated - len(self.system.mechanism.scene.constraints)
-        working = [(k, names.index(row.text)) for k, row in enumerate(self.system.info[: self.eliminated]) if row.working and k >= first]
-        self.working = working
+        ideal = list(enumerate(self.system.info[: self.eliminated]))[first:]
+        self.working = [(k, names.index(row.text)) for k, row in ideal if row.working]
         self.damped = DAMPERS in names
 
     @property
@@ -133,8 +133,8 @@ class RobotWorkspace:
             self.powers(y)
         if not -HUGE < float(vdot.sum()) < HUGE:
             raise SingularError(
-                "the mass matrix is singular here, or a force is not finite: some motion has no inertia; a link of a robot without "
-                "mass at the end of a chain, or a hinge without mass between free segments"
+                "the mass matrix is singular here, or a force is not finite: some motion has no inertia; a link of a robot "
+                "without mass at the end of a chain, or a hinge without mass between free segments"
             )
         return dy
 
@@ -169,8 +169,8 @@ class RobotWorkspace:
         """Return vdot under all rows, from M^-1 and the accelerations a (nv,) without them."""
         e, rows = self.eliminated, self.matrix[: self.rows]
         wanted = self.system.gains.dot(self.out.ravel())
-        controls = self.columns[self.first_control :] * self.scales[:, None] if self.count else None
-        pulled = None if controls is None else controls.dot(inverse)  # (S, nv)
+        controls = self.columns[self.first_control :] * self.scales[:, None]
+        pulled = controls.dot(inverse) if self.count else None  # (S, nv)
         if e:
             jacobian = rows[:e]
             answers = jacobian.dot(inverse)  # (e, nv)
@@ -213,7 +213,7 @@ class RobotWorkspace:
 
     def unreached(self) -> list[str]:
         """Say which joints a posture does not reach, and which controls only load what is held, at the last solution."""
-        system, told = self.system, []
+        system, told = self.system, list[str]()
         if system.plan is None:
             return told
         controlled = {force.name for force in system.forces[self.first_control :]}
@@ -224,8 +224,8 @@ class RobotWorkspace:
         idle = self.count - int((sizes > LOOSE * sizes[0]).sum())
         if idle:
             told.append(
-                f"programme: {self.count} controls move {self.count - idle} rates: {idle} combinations only load what is welded, and "
-                "the motion does not determine them: the least weighted control is taken"
+                f"programme: {self.count} controls move {self.count - idle} rates: {idle} combinations only load what is welded, "
+                "and the motion does not determine them: the least weighted control is taken"
             )
         return told
 
@@ -253,7 +253,8 @@ class RobotWorkspace:
         names = [row.text for row in self.system.info]
         bad = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(~np.isfinite(sizes))))
         bad += [repr(f.name) for f, value in zip(self.system.forces, self.values, strict=True) if not math.isfinite(value)]
-        return SimulationError(f"{' and '.join(bad[:4]) or 'an equation'} has no finite value here: at a pole, or outside a domain")
+        what = " and ".join(bad[:4]) or "an equation"
+        return SimulationError(f"{what} has no finite value here: at a pole, or outside a domain")
 
     def powers(self, y: Array) -> None:
         """Write the rates of the work states of the last solution into `dy`."""
@@ -280,7 +281,7 @@ class RobotWorkspace:
             ends.append(body[:9].reshape(3, 3) @ place[9:] + body[9:12])
         return float(np.linalg.norm(ends[1] - ends[0]))
 
-    def evaluate(self, t: float, y: Array, inputs: Sequence[float] | None = None) -> Instant:
+    def evaluate(self, t: float, y: Array, inputs: Sequence[float] | Array | None = None) -> Instant:
         """Return accelerations and forces of one instant; `inputs` are the forces from outside."""
         if inputs is not None:
             self.take_inputs(inputs)
@@ -290,7 +291,7 @@ class RobotWorkspace:
             np.array(dy[self.end :]), self.matrix.copy(),
         )  # fmt: skip
 
-    def take_inputs(self, inputs: Sequence[float]) -> None:
+    def take_inputs(self, inputs: Sequence[float] | Array) -> None:
         """Take forces from outside, by the names of the system."""
         self.values[self.system.laws : self.first_control] = inputs
 
@@ -323,8 +324,7 @@ def null_space(g: Array) -> Array:
     rows, columns = g.shape
     if not rows:
         return np.eye(columns)
-    pivots = np.zeros(rows, np.int32)
-    factor, pivots, tau, _, _ = lapack.dgeqp3(g.T)
+    factor, _, tau, _, _ = lapack.dgeqp3(g.T)
     sizes = np.abs(factor.diagonal())
     rank = int((sizes > RANK * max(float(sizes[0]), 1e-300)).sum())
     whole = np.zeros((columns, columns))

@@ -41,7 +41,8 @@ class Live:
         self.scene, self.t0 = scene, t0
         self.changes = {key: value for key, value in (changes or {}).items() if value is not None and key != "duration"}
         self.duration = run_options(scene, **dict(changes or {})).duration
-        self.mechanism, start = check(scene)
+        checked = check(scene)
+        self.mechanism, start = checked.mechanism, checked.start
         self.lock, self.over = threading.Lock(), threading.Event()
         self.version, self.scenery, self.done, self.note = 0, of_state(self.mechanism, start.state), False, "computing ..."
         self.view: View = serve(page(self.scenery, until=self.duration), browser, port, self.answer)

@@ -12,8 +12,8 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.simulation.simulate import check
 from vlmb.simulation.trajectory import Trajectory
-from vlmb.views.stills import still
 from vlmb.views.sceneries import of_state, of_trajectory
+from vlmb.views.stills import still
 from vlmb.views.visual_model import Scenery
 
 HEIGHT = 300  # [pixels] of a picture

@@ -44,7 +44,8 @@ def _figures(run: RobotTrajectory) -> dict[str, Figure]:
         errors = {f"{name}{end}": values for name, residual in run.residuals.items()
                   for end, values in (("", residual.position), ("'", residual.velocity)) if values is not None}  # fmt: skip
         if errors:
-            found["residuals"] = _lines(run, {k: np.maximum(np.abs(v), ZERO) for k, v in errors.items()}, "errors of rows", log=True)
+            sizes = {name: np.maximum(np.abs(values), ZERO) for name, values in errors.items()}
+            found["residuals"] = _lines(run, sizes, "errors of rows", log=True)
     return found
 
 
@@ -60,7 +61,7 @@ def _shares(controls: Mapping[str, Array], limits: Mapping[str, float]) -> dict[
 def _lines(run: RobotTrajectory, lines: Mapping[str, Array], label: str, log: bool = False) -> Figure:
     figure = new_figure([run], 9.0, 4.2, label)
     ax = figure.subplots()
-    spread = {name: float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0 for name, values in lines.items()}
+    spread = {name: float(np.fmax.reduce(values) - np.fmin.reduce(values)) for name, values in lines.items()}
     named = sorted(lines, key=lambda name: -spread[name])[:MANY]
     for name, values in lines.items():
         known = name in named

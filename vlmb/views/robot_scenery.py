@@ -1,4 +1,4 @@
-"""What is drawn of robots: the meshes of their URDFs, once each, on bodies that move; of links without any a box of their inertia."""
+"""What is drawn of robots: the meshes of their URDFs, once each, on bodies that move; without any, boxes of inertia."""
 
 from __future__ import annotations
 
@@ -99,7 +99,8 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
         trail = shapes.Lines(np.stack([places[last][:-1], places[last][1:]], axis=1))
         bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
     moves = on_ski or bool(mechanism.roots)
-    everything = np.concatenate([np.moveaxis(places[1:] if moves else places, 0, 1), *(values[:, None] for values in points.values())], axis=1)
+    joints = np.moveaxis(places[1:] if moves else places, 0, 1)
+    everything = np.concatenate([joints, *(values[:, None] for values in points.values())], axis=1)
     ground = draw_ground(everything, size, "ski" if on_ski else "pivot")
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
     focus = smooth(centre) if moves else np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape)
