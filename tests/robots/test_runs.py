@@ -135,7 +135,13 @@ def test_least_torque_and_posture_are_what_they_are_said_to_be() -> None:
     v[1] = 0.0
     y = np.concatenate([start.state.q, v, np.zeros(len(system.work_names))])
     space.start_posture(start.state.q + 0.05)
-    vdot = np.array(space.rhs(0.0, y)[space.nq : space.end])
+    now = space.evaluate(0.0, y)
+    vdot, told = now.vdot, now.values
+    moved = np.array(space.rhs(0.0, y)[space.nq : space.end])  # as a run has it: in the accelerations of the joints
+    assert space.joint_space is not None
+    assert np.abs(moved - vdot).max() < 1e-9 * np.abs(vdot).max()
+    assert np.abs(space.values - told).max() < 1e-9 * np.abs(told).max()
+    assert np.abs(space.multipliers - now.multipliers).max() < 1e-9 * np.abs(now.multipliers).max()
     values, pulled = space.values[space.first_control :] / space.scales, space.pulled
     wanted = 16.0 * (space.posture - y[space.posed_q]) - 8.0 * v[space.posed_v]
     g = space.programme.control_matrix

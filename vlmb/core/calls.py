@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from vlmb.core import driver, frame_rows, plant, samples
+from vlmb.core import driver, plant, samples
 from vlmb.core import march as marching
 from vlmb.core import run as running
 
@@ -38,4 +38,3 @@ def direct(kernel: Function) -> Function:
 begin, resume, state_at = direct(driver.begin), direct(driver.resume), direct(samples.state_at)
 march, run = direct(marching.march), direct(running.run)
 onto_edge = direct(plant.onto_edge)
-rows_of_frames = direct(frame_rows.rows_of_frames)

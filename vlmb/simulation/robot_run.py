@@ -135,7 +135,7 @@ def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
     start = robot_start(system)
     system.breaks(0.0, scene.run.duration)
     engine = RobotEngine(system, start.state)
-    engine.evaluate(0.0, engine.pack(start.state))
+    engine.workspace.evaluate(0.0, engine.pack(start.state))
     programme, notes = engine.workspace.programme, []
     if programme is not None:
         rank, condition = programme.rank(programme.control_matrix)

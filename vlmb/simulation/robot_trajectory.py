@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +56,8 @@ class RobotTrajectory(Trajectory):
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
         told = (*start.adjustments, *(f"left out: {entry}" for entry in system.mechanism.left_out))
         if engine.workspace.programme is not None:
+            with contextlib.suppress(VlmbError):
+                engine.workspace.evaluate(float(recorded.t[0]), np.array(states[0]))
             told = (*told, *engine.workspace.unreached())
 
         def made(doubts: tuple[str, ...]) -> RobotTrajectory:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -203,6 +204,8 @@ class RobotEngine:
         condition = scaled_condition(mass)
         if condition > 1e10:
             return f" The mass matrix is nearly singular there (condition {condition:.1e})."
+        with contextlib.suppress(VlmbError):
+            space.evaluate(t, np.array(y))
         return space.programme.weakness() if space.programme else ""
 
     def raised(self, error: BaseException) -> bool:

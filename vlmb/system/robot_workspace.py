@@ -18,21 +18,26 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from vlmb.core.bodies import COUNT, TYPE
-from vlmb.core.calls import rows_of_frames
-from vlmb.core.readings import COORDINATE
+from vlmb.core import frame_rows
+from vlmb.core.bodies import AT_V, COUNT, TYPE
+from vlmb.core.calls import direct
+from vlmb.core.readings import COMPONENT, COORDINATE, FIRST, KIND
 from vlmb.errors import SimulationError, SingularError
 from vlmb.model.memory import make_data
 from vlmb.scene.names import DAMPERS, listed
 from vlmb.system.programme import RANK, ProgrammeControl
+from vlmb.system.robot_posture import JointSpace
 from vlmb.system.robot_system import RobotSystem
 
 Array = NDArray[np.float64]
+
+rows_of_frames = direct(frame_rows.rows_of_frames)
 
 SIDEWAYS = 1  # the ski's velocity that its knife edge forbids
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
 LOOSE = 1e-8  # relative size below which a direction of joints counts as out of reach of the controls
 HUGE = 1e100
+MOST = 300  # velocities of what is solved in the accelerations of its joints
 
 
 class Instant(NamedTuple):
@@ -87,6 +92,18 @@ class RobotWorkspace:
         )  # fmt: skip
         self._take_posture()
         self._take_powers()
+        self.joint_space = self._joint_space()
+        self.looking = False  # at one instant, with the effect of every control
+
+    def _joint_space(self) -> JointSpace | None:
+        """Return the accelerations of the joints where these alone say what the controls do."""
+        system, kinds = self.system, self.system.readings.kind
+        along = system.along[self.first_control :]
+        own = all(kinds[at, KIND] == COORDINATE for at in along.tolist())
+        if not self.count or self.settled or self.nv > MOST or len(system.info) > self.eliminated + system.servo or not own:
+            return None
+        joints = self.bodies.joint
+        return JointSpace(self, np.array([joints[kinds[at, FIRST], AT_V] + kinds[at, COMPONENT] for at in along], np.intp))
 
     def _take_posture(self) -> None:
         """Note which joints the posture of a programme goes by, where to, and how."""
@@ -107,6 +124,7 @@ class RobotWorkspace:
         """Note where in the work states each force stands; -1 for springs, whose work is their energy."""
         names, springs = self.system.work_names, dict(self.system.elastic)
         self.slots = np.array([-1 if k in springs else names.index(f.name) for k, f in enumerate(self.system.forces)], np.intp)
+        self.apart = len({*self.slots.tolist()} - {-1}) == len(self.slots)
         first = self.eliminated - len(self.system.mechanism.scene.constraints)
         ideal = list(enumerate(self.system.info[: self.eliminated]))[first:]
         self.working = [(k, names.index(row.text)) for k, row in ideal if row.working]
@@ -161,8 +179,14 @@ class RobotWorkspace:
         if self.free:
             answer: Array = pin.aba(model, data, q, v, tau)
             return answer
-        inverse = pin.computeMinverse(model, data, q)
         b = tau - pin.nonLinearEffects(model, data, q, v)
+        if self.joint_space is not None and not self.looking:
+            wanted = self.system.gains.dot(self.out.ravel())
+            mass = pin.crba(model, data, q)
+            found = self.joint_space.solve(mass, b, self.matrix[: self.rows], wanted, self.back(q, v))
+            if found is not None:
+                return found
+        inverse = pin.computeMinverse(model, data, q)
         return self.constrained(t, q, v, inverse, inverse.dot(b))
 
     def constrained(self, t: float, q: Array, v: Array, inverse: Array, a: Array) -> Array:
@@ -206,13 +230,18 @@ class RobotWorkspace:
             free = free.dot(null_space(there))
         if self.settled or not free.shape[1]:
             return u
-        stiffness, damping = self.posed_gains
-        back = stiffness * (self.posture - q[self.posed_q]) - damping * v[self.posed_v] - a[self.posed_v]
+        back = self.back(q, v) - a[self.posed_v]
         reach = pulled[:, self.posed_v].T * self.posed_weights[:, None]
         return u + free.dot(least(reach.dot(free), self.posed_weights * back - reach.dot(u)))
 
+    def back(self, q: Array, v: Array) -> Array:
+        """Return the accelerations of joints that lead back to the posture."""
+        stiffness, damping = self.posed_gains
+        found: Array = stiffness * (self.posture - q[self.posed_q]) - damping * v[self.posed_v]
+        return found
+
     def unreached(self) -> list[str]:
-        """Say which joints a posture does not reach, and which controls only load what is held, at the last solution."""
+        """Say which joints a posture does not reach, and which controls only load what is held, at the last look."""
         system, told = self.system, list[str]()
         if system.plan is None:
             return told
@@ -221,7 +250,7 @@ class RobotWorkspace:
         if passive:
             told.append(f"posture: {listed(passive)} have no control and move as the others let them")
         sizes = np.linalg.svd(self.pulled, compute_uv=False)
-        idle = self.count - int((sizes > LOOSE * sizes[0]).sum())
+        idle = self.count - int((sizes > LOOSE * sizes.max(initial=0.0)).sum()) if len(sizes) else 0
         if idle:
             told.append(
                 f"programme: {self.count} controls move {self.count - idle} rates: {idle} combinations only load what is welded, "
@@ -262,7 +291,10 @@ class RobotWorkspace:
         work.fill(0.0)
         rates = self.columns.dot(v)
         lost = self.lost
-        np.add.at(work, self.slots[self.slots >= 0], (self.values * rates)[self.slots >= 0])
+        if self.apart:
+            work[self.slots] = self.values * rates
+        else:
+            np.add.at(work, self.slots[self.slots >= 0], (self.values * rates)[self.slots >= 0])
         for k, spring in self.system.elastic:
             length = self.spring_length(spring.quantity)
             taut = length > spring.rest or not spring.rope
@@ -285,7 +317,11 @@ class RobotWorkspace:
         """Return accelerations and forces of one instant; `inputs` are the forces from outside."""
         if inputs is not None:
             self.take_inputs(inputs)
-        dy = self.rhs(t, y)
+        self.looking = True
+        try:
+            dy = self.rhs(t, y)
+        finally:
+            self.looking = False
         return Instant(
             np.array(dy[self.nq : self.end]), self.tau.copy(), self.values.copy(), np.array(self.multipliers), self.out.copy(),
             np.array(dy[self.end :]), self.matrix.copy(),
