@@ -11,14 +11,11 @@ least controls.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-
-if TYPE_CHECKING:
-    from vlmb.system.robot_workspace import RobotWorkspace
 
 Array = NDArray[np.float64]
 
@@ -26,10 +23,23 @@ RANK = 1e-9  # relative size below which a direction counts as none
 UPPER = np.triu(np.ones((400, 400)))  # as many velocities without a control as there may be
 
 
+class Space(Protocol):
+    """What of a workspace is read and written here."""
+
+    nv: int
+    eliminated: int
+    first_control: int
+    posed_v: NDArray[np.intp]
+    posed_weights: Array
+    scales: Array
+    values: Array
+    multipliers: Array
+
+
 class JointSpace:
     """What of a workspace stands where. `solve` answers None where it has no answer: the controls then say why."""
 
-    def __init__(self, space: RobotWorkspace, controls: Array) -> None:
+    def __init__(self, space: Space, controls: NDArray[np.intp]) -> None:
         """`controls` (S,) are the velocities of the joints that the controls act in."""
         self.space, self.controls = space, controls
         every = set(range(space.nv))
