@@ -7,11 +7,30 @@ from vlmb._version import __version__
 from vlmb.equations.accelerations import accelerations
 from vlmb.equations.motion import EquationsOfMotion, equations_of_motion
 from vlmb.errors import ExpressionError, SceneError, SimulationError, SingularError, StudyError, TrajectoryError, VlmbError
+from vlmb.model.building import build
 from vlmb.model.display import Displayed
 from vlmb.model.layout import State
-from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.mechanism import Mechanism
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.scene.tables import Base, Column, Contact, Data, Force, Link, Programme, Rod, Run, Segment, Smoothing, Spring
+from vlmb.scene.tables import (
+    Attach,
+    Base,
+    Column,
+    Contact,
+    Data,
+    Edge,
+    Force,
+    Link,
+    Posture,
+    Programme,
+    Robot,
+    Rod,
+    Run,
+    Segment,
+    Smoothing,
+    Spring,
+    Weld,
+)
 from vlmb.simulation.checking import check
 from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.simulate import simulate
@@ -19,16 +38,20 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies.inverse import inverse
 
 __all__ = [
+    "Attach",
     "Base",
     "Column",
     "Contact",
     "Data",
+    "Edge",
     "EquationsOfMotion",
     "ExpressionError",
     "Force",
     "Link",
     "Mechanism",
+    "Posture",
     "Programme",
+    "Robot",
     "Rod",
     "Run",
     "Scene",
@@ -43,6 +66,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryError",
     "VlmbError",
+    "Weld",
     "__version__",
     "accelerations",
     "build",

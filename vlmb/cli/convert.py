@@ -5,22 +5,27 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from vlmb.cli.mjcf import to_mjcf
 from vlmb.errors import VlmbError
 from vlmb.simulation.export import FORMATS, export
 from vlmb.simulation.loading import load_trajectory
 
-WHAT = "write a stored run as csv, nc or sto: vlmb convert run.npz run.sto"
+WHAT = "write a stored run as csv, nc or sto, a scene as MJCF: vlmb convert run.npz run.sto, vlmb convert scene.toml scene.xml"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("source", help="stored run (.npz)")
-    parser.add_argument("target", type=Path, help="file to write (.csv, .nc, .sto)")
+    parser.add_argument("source", help="stored run (.npz) or scene file (.toml)")
+    parser.add_argument("target", type=Path, help="file to write: .csv, .nc or .sto of a run, .xml of a scene")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; return its exit code."""
-    if Path(args.source).suffix == ".npz" and args.target.suffix in FORMATS:
-        print(f"wrote {export(load_trajectory(args.source), args.target)}")
+    source, target = Path(args.source), args.target
+    if source.suffix == ".npz" and target.suffix in FORMATS:
+        print(f"wrote {export(load_trajectory(args.source), target)}")
         return 0
-    raise VlmbError(f"convert: {args.source} to {args.target}: a stored run (.npz) becomes {', '.join(FORMATS)}")
+    if source.suffix == ".toml" and target.suffix == ".xml":
+        return to_mjcf(args.source, target)
+    formats = ", ".join(FORMATS)
+    raise VlmbError(f"convert: {source} to {target}: a stored run (.npz) becomes {formats}, a scene (.toml) MJCF (.xml)")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
-from vlmb.model.mechanism import build
+from vlmb.model.building import build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import data_bytes
 from vlmb.model.names import counted
+from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, load_scene
-from vlmb.simulation.checking import Checked
+from vlmb.simulation.checking import Checked, check
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 
@@ -24,6 +27,8 @@ def execute(args: argparse.Namespace) -> int:
     """Run the command; return its exit code."""
     scene = load_scene(args.scene)
     mechanism = build(scene)
+    if not isinstance(mechanism, Mechanism):
+        return _of_robots(mechanism)
     checked = Checked(mechanism, consistent_start(make_system(mechanism)))
     layout, free = mechanism.layout, checked.degrees_of_freedom
     print(f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}, {sum_mass(scene):g} kg")
@@ -45,6 +50,21 @@ def execute(args: argparse.Namespace) -> int:
         print(f"  acts                {sentence}")
     for column in mechanism.signals.columns:
         print(f"  data                {column.report}")
+    return 0
+
+
+def _of_robots(mechanism: Any) -> int:
+    """Print the same of a scene with robots."""
+    scene, names, checked = mechanism.scene, mechanism.names, check(mechanism)
+    print(f"{scene.name}: {scene.base.kind} base, {mechanism.facts}")
+    print(f"  coordinates         {len(names.index)}")
+    for quantity in names.coordinates:
+        print(f"    {quantity.name:<28s} {quantity.unit:<4s} {names.meaning(quantity)}")
+    print(f"  degrees of freedom  {checked.degrees_of_freedom}")
+    print(f"  state               {mechanism.model.nq} positions, {mechanism.model.nv} velocities")
+    print(f"  frames              {listed([name for name in mechanism.frames if name != 'universe'])}")
+    for entry in mechanism.left_out or ("nothing",):
+        print(f"  left out            {entry}")
     return 0
 
 

@@ -14,8 +14,9 @@ from vlmb.simulation.loading import load_trajectory
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import view
 from vlmb.views.page import page
+from vlmb.views.sceneries import of_trajectory
 from vlmb.views.stills import animation, frames, save_still
-from vlmb.views.visual_model import Scenery, of_trajectory
+from vlmb.views.visual_model import Scenery
 
 WHAT = "show a scene or play a run in the browser, or write it as html, pictures or a gif"
 

@@ -123,9 +123,11 @@ class Mechanism(Remade, Displayed):
 def build(scene: Scene | str | Path | Mapping[str, Any]) -> Mechanism:
     """Generate the mechanism of a scene: of a Scene, the path of a scene file or a dict with its keys.
 
-    Raises SceneError where the scene has a motion without mass, and no ideal rows that might hold it.
+    Raises SceneError where the scene has a motion without mass, and no ideal rows that might hold it, and for one with robots.
     """
     scene = as_scene(scene)
+    if scene.robots:
+        raise SceneError("robots: this is there for scenes of links alone; of robots there are simulate, check and build")
     builder = _Builder(scene)
     layout = builder.layout()
     lists = (builder.left_out, builder.warnings, builder.massless)

@@ -8,7 +8,7 @@ import keyword
 import math
 import numbers
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
 from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
+from vlmb.scene.robots import Beside, check_robots, frame_owner
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import BASE, SURFACE, Force, Link, SceneTables, Segment, Spring, Table
 from vlmb.scene.written import Written, key_of, put, resolve
@@ -41,8 +42,9 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
     tables, texts = _converted(_plain(dict(data), None))
     contacts = tuple(msgspec.structs.replace(contact, name=contact.name or contact.point) for contact in tables.contacts)
     tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts)
-    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts)
-    _check_tree(tables.links)
+    robots = [robot.name for robot in tables.robots]
+    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts, robots)
+    _check_tree(tables.links, robots)
     _check(tables, texts)
     return tables
 
@@ -80,7 +82,7 @@ def _plain(value: Any, path: Where, depth: int = 0) -> Any:
         if abs(value) > 2**63:
             raise SceneError(f"{_key(path)}: this whole number is too large")
         return value
-    if kind is Samples:
+    if kind is Samples or kind is Beside:
         return value
     if kind is float:
         if value == 0.0 or TINIEST <= abs(value) <= LARGEST:
@@ -152,14 +154,15 @@ def _named(links: tuple[Link, ...]) -> tuple[Link, ...]:
     return tuple(named)
 
 
-def _check_tree(links: tuple[Link, ...]) -> None:
-    """Refuse parents that are not there, and rings of them."""
+def _check_tree(links: tuple[Link, ...], robots: Sequence[str]) -> None:
+    """Refuse parents that are not there, and rings of them. A robot's frames are known when it is built."""
     places = {link.name: index for index, link in enumerate(links)}
+    on_robots = {link.parent for link in links if frame_owner(link.parent) in robots}
     for index, link in enumerate(links):
-        if link.parent != BASE and link.parent not in places:
+        if link.parent != BASE and link.parent not in places and link.parent not in on_robots:
             where = f"links[{index}].parent = {link.parent!r}"
             raise SceneError(f"{where}: no such link; {nearest(link.parent, [BASE, *places])}")
-    rooted = {BASE}
+    rooted = {BASE, *on_robots}
     for index, link in enumerate(links):
         way: dict[str, None] = {}
         while link.name not in rooted:
@@ -167,7 +170,7 @@ def _check_tree(links: tuple[Link, ...]) -> None:
                 ring = ", ".join(list(way)[:10])
                 raise SceneError(f"links[{index}].parent: the parents form a ring through {ring}; links form a tree")
             way[link.name] = None
-            if link.parent == BASE:
+            if link.parent == BASE or link.parent in on_robots:
                 break
             link = links[places[link.parent]]
         rooted.update(way)
@@ -193,7 +196,8 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         refuse("base", f"friction, width and length belong to kind = 'ski'; remove them from {base.kind!r}")
     elif base.inertia or base.com_offset or (base.mass and base.kind == "pivot"):
         refuse("base", f"inertia and com_offset belong to kind = 'ski', mass to 'ski' and 'free'; remove them from {base.kind!r}")
-    if not scene.links and (base.kind == "pivot" or (base.kind == "free" and not base.mass)):
+    check_robots(scene, refuse)
+    if not scene.links and not scene.robots and (base.kind == "pivot" or (base.kind == "free" and not base.mass)):
         refuse("links", f"a {base.kind!r} base needs at least one link{' or a mass' if base.kind == 'free' else ''}")
     by_name = {link.name: link for link in scene.links}
     for index, link in enumerate(scene.links):

@@ -13,16 +13,21 @@ from vlmb.scene.tables import (
     ALLOWED_NAME,
     MAX_NAME,
     NAME,
+    Attach,
     Base,
     Data,
+    Edge,
     Force,
     Link,
+    Posture,
     Programme,
+    Robot,
     Rod,
     Run,
     Segment,
     Smoothing,
     Spring,
+    Weld,
 )
 
 BASE_HINT = 'base = {kind = "pivot"}; kinds are pivot, ski, free'
@@ -119,7 +124,8 @@ def _type_at(path: str, root: type) -> Any:
     current: Any = root
     tables = {"base": Base, "links": Link, "rod": Rod, "lower": Segment, "upper": Segment,
               "forces": Force, "springs": Spring, "programme": Programme, "run": Run, "data": Data,
-              "smooth": Smoothing}  # fmt: skip
+              "smooth": Smoothing, "robots": Robot, "attach": Attach, "welds": Weld, "edges": Edge,
+              "posture": Posture}  # fmt: skip
     for part in filter(None, re.split(r"[.\[\]]+", re.sub(r"\[(\.\.\.|\d+)\]", "", path))):
         current = tables.get(part, part)
     return current

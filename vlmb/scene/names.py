@@ -41,7 +41,7 @@ def why_not(name: str) -> str:
 
 
 def check_names(
-    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = ()
+    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (), robots: Sequence[str] = ()
 ) -> None:
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 
@@ -73,6 +73,8 @@ def check_names(
         if kind and contact.name not in RESERVED:
             raise SceneError(f"{shown}: this name is that of {kind}; choose another")
         take(contact.name, f"contacts[{index}]", shown)
+    for index, name in enumerate(robots):
+        take(name, f"robots[{index}]", f"robots[{index}].name = {name!r}")
     for row in (*rows.ideal, *rows.servo, *rows.secondary):
         if not row.named:
             continue

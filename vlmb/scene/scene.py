@@ -18,6 +18,7 @@ from vlmb.scene.explain import BASE_HINT, unknown_key
 from vlmb.scene.keys import changed_data
 from vlmb.scene.names import listed
 from vlmb.scene.recorded import take_in
+from vlmb.scene.robots import take_in_robots
 from vlmb.scene.rows import rows_of
 from vlmb.scene.shipped import scene_file
 from vlmb.scene.tables import Link, SceneTables
@@ -62,7 +63,11 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         if "base" not in data:
             raise SceneError(f"{source}: missing key 'base': {BASE_HINT}")
         try:
-            return Scene(**{**data, "data": take_in(data["data"], Path(folder))}) if data.get("data") else Scene(**data)
+            given = dict(data)
+            for key, taken in (("data", take_in), ("robots", take_in_robots)):
+                if given.get(key):
+                    given[key] = taken(given[key], Path(folder))
+            return Scene(**given)
         except SceneError as error:
             raise type(error)(f"{source}: {error}") from None
 
@@ -124,6 +129,7 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         for what, entries in (("ideal rows", rows.ideal), ("programme", rows.servo), ("secondary", rows.secondary)):
             parts += [f"{what} {listed([row.name for row in entries])}"] if entries else []
         parts += [f"controls {listed(self.programme.controls)}"] if self.programme else []
+        parts += [f"robots {listed([robot.name for robot in self.robots])}"] if self.robots else []
         parts += [f"data {listed([entry.name for entry in self.data])}"] if self.data else []
         parts += [f"{len(self.forces)} force{'s' * (len(self.forces) > 1)}"] if self.forces else []
         return f"<Scene {self.name!r}: {'; '.join(parts)}>"

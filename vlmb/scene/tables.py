@@ -12,6 +12,7 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 NAME, MAX_NAME = r"[A-Za-z][A-Za-z0-9_]*", 64
 ALLOWED_NAME = f"a name begins with a letter and has letters, digits and _, {MAX_NAME} at most"
 Name = Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}\Z", max_length=MAX_NAME)]
+Parent = Annotated[str, msgspec.Meta(pattern=rf"\A({NAME}(\.[A-Za-z0-9_./ -]+)?)?\Z", max_length=2 * MAX_NAME)]
 Law: TypeAlias = float | str
 Place: TypeAlias = str | tuple[float, float, float]  # a point of a link, or a fixed one [m]
 SURFACE = "surface"  # the frame of forces that is no link's
@@ -98,7 +99,7 @@ class Link(Table, frozen=True, kw_only=True):
 
     rod: Rod
     name: Name = ""
-    parent: Name = ""  # "" = the previous link, the base for the first
+    parent: Parent = ""  # "" = the previous link, the base for the first; or a robot's frame, talos.left_foot
     parent_point: Literal["tip", "rod_start", "rod_end"] | float = "tip"  # a number: [m] from the parent's hinge
     anchor: tuple[float, float, float] | None = None  # [m] of a link on the base: ahead, left, up on a ski; a point of the ground
     lower: Segment = Segment(length=0.0, motion="fixed")
@@ -152,6 +153,46 @@ class Contact(Table, frozen=True, kw_only=True):
         return self.friction not in ("rough", 0.0)
 
 
+class Attach(Table, frozen=True, kw_only=True):
+    """What a robot stands on, and how."""
+
+    to: str = "ground"  # ground, ski, or a frame of another robot
+    root: Literal["fixed", "free", "planar"] = "fixed"
+
+
+class Robot(Table, frozen=True, kw_only=True):
+    """A robot from a URDF."""
+
+    name: Name
+    urdf: str  # a path of example-robot-data, a file beside the scene or below, or the text of one
+    attach: Attach = Attach()
+    posture: str | dict[str, float] = ""  # a name in the robot's srdf, or values by joint, over the neutral one
+    locked: tuple[str, ...] = ()  # joints that do not move
+    aliases: dict[Name, str] = {}  # names for its frames
+
+
+class Weld(Table, frozen=True, kw_only=True):
+    """Two frames that do not move against each other."""
+
+    frames: tuple[str, str]
+    pose: tuple[float, float, float, float, float, float] | None = None  # of the second in the first: x y z [m] roll pitch yaw
+
+
+class Edge(Table, frozen=True, kw_only=True):
+    """A knife edge: the frame's origin does not move along one axis."""
+
+    frame: str
+    axis: Literal["trace", "x", "y", "z"] = "trace"  # trace: z of the surface x the frame's x axis
+
+
+class Posture(Table, frozen=True, kw_only=True):
+    """What a robot's programme does with the joints that its rows leave free: it brings them back to the start posture."""
+
+    frequency: Positive = 4.0  # [rad/s]
+    damping_ratio: NonNegative = 1.0
+    weights: dict[str, Positive] = {}  # of joints, default 1
+
+
 class Programme(Table, frozen=True, kw_only=True):
     """Servo constraints and the controls that enforce them (paper, section 5)."""
 
@@ -167,6 +208,8 @@ class Programme(Table, frozen=True, kw_only=True):
     border: tuple[tuple[Law, ...], ...] = ()  # rows g^{kappa l} of (5.6), for u0 where controls are more than rows and one
     secondary: tuple[str, ...] = ()  # equations served in the null space, as far as it goes
     secondary_frequency: Positive | None = None  # [rad/s], default: frequency
+    limits: Literal["report", "stop"] | None = None  # of a robot's joints, speeds and efforts; default report
+    posture: Posture | None = None  # of a robot; default Posture()
 
 
 class Smoothing(Table, frozen=True, kw_only=True):
@@ -229,6 +272,9 @@ class SceneTables(Table, frozen=True, kw_only=True):
     forces: tuple[Force, ...] = ()
     data: tuple[Data, ...] = ()
     springs: tuple[Spring, ...] = ()
+    robots: tuple[Robot, ...] = ()
+    welds: tuple[Weld, ...] = ()
+    edges: tuple[Edge, ...] = ()
     programme: Programme | None = None
     contacts: tuple[Contact, ...] = ()
     run: Run = Run()

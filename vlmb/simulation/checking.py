@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.building import build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import fits
 from vlmb.model.names import counted
-from vlmb.scene.scene import Scene, as_scene
+from vlmb.scene.scene import Scene
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.simulate import breaks_of, start_of
 from vlmb.system.core_engine import CoreEngine
@@ -22,6 +23,10 @@ from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.point_forces import told
 from vlmb.system.start import Start
 from vlmb.system.system import System, Workspace, make_system
+
+if TYPE_CHECKING:
+    from vlmb.model.robot_mechanism import RobotMechanism
+    from vlmb.simulation.robot_run import CheckedRobots
 
 APART = 1e-6  # of the largest acceleration: what two engines may differ by, as differences of velocities tell
 
@@ -66,14 +71,18 @@ class Checked(NamedTuple):
         return f"{self.scene.name}: {self.report}"
 
 
-def check(scene: Scene | str | Path | Mapping[str, Any]) -> Checked:
+def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any]) -> Checked | CheckedRobots:
     """Do everything that comes before a run; raise what a run would.
 
     Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with
     `degrees_of_freedom` and `notes`; one of these tells how a programme is stable and controllable.
     """
-    scene = as_scene(scene)
     mechanism = build(scene)
+    if not isinstance(mechanism, Mechanism):
+        from vlmb.simulation.robot_run import check_robots
+
+        return check_robots(mechanism)
+    scene = mechanism.scene
     require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
     start = start_of(system)

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, TrajectoryError
-from vlmb.model.mechanism import build
+from vlmb.model.building import build
+from vlmb.model.mechanism import Mechanism
 from vlmb.scene.names import has_controls
 from vlmb.scene.scene import Scene
 from vlmb.simulation.motion import state_size, unit_directions
@@ -46,7 +48,10 @@ def load_trajectory(path: str | Path) -> Trajectory:
         t0 = float(note.get("t0", 0.0))
         if status not in STATUSES or engine not in ENGINES or not math.isfinite(t0):
             raise TrajectoryError(f"{path}: its note is damaged: status {status!r:.80}, engine {engine!r:.80}, t0 {t0}")
-        system = make_system(build(scene), run, inputs=names or None)
+        mechanism = build(scene)
+        if not isinstance(mechanism, Mechanism):
+            return _with_robots(path, stored, mechanism, run, t0, (status, message, names, adjustments, doubts))
+        system = make_system(mechanism, run, inputs=names or None)
         t, states, inputs, branch = _arrays(path, stored, system, engine, t0, len(names))
         made = Trajectory(
             system.mechanism, t, states, engine, inputs, names, branch, run, status, message, adjustments, _stats(path, note),
@@ -56,17 +61,43 @@ def load_trajectory(path: str | Path) -> Trajectory:
         return made
 
 
-def _arrays(
-    path: str | Path, stored: Stored, system: System, engine: str, t0: float, inputs: int
-) -> tuple[Array, Array, Array, Array]:
-    """Read times, states, inputs and branches of the shapes that their scene needs; times first, since they tell how many."""
+def _with_robots(path: str | Path, stored: Stored, mechanism: Any, run: Any, t0: float, told: tuple[Any, ...]) -> Trajectory:
+    """Read the run of a scene with robots."""
+    from vlmb.simulation.robot_trajectory import RobotTrajectory
+    from vlmb.system.robot_system import make_robot_system
+
+    status, message, names, adjustments, doubts = told
+    system = make_robot_system(mechanism, run, names or None)
+    t = _times(path, stored, t0)
+    states = stored.read(ARRAYS["states"], (len(t), system.size))
+    if not all(pin.isNormalized(mechanism.model, np.array(q), 1e-6) for q in states[:, : mechanism.model.nq]):
+        raise TrajectoryError(f"{path}: its states are damaged: quaternions do not have length 1")
+    inputs = stored.read(ARRAYS["inputs"], (len(t), len(names)))
+    made = RobotTrajectory(
+        mechanism, t, states, "pinocchio", inputs, names, np.zeros((1, 0)), run, status, message, adjustments,
+        _stats(path, stored.note), _versions(path, stored.note), t0, doubts,
+    )  # fmt: skip
+    made.__dict__["system"] = system
+    return made
+
+
+def _times(path: str | Path, stored: Stored, t0: float, twice: bool = False) -> Array:
+    """Read the times of the samples, which tell how many there are; `twice`: an event of a contact has two of one time."""
     shape = stored.shape("t")
     if len(shape) != 1 or not 0 < shape[0] <= MAX_SAMPLES:
         raise TrajectoryError(f"{path}: t is damaged: shape {shape} where 1 to {MAX_SAMPLES} times belong")
     t = stored.read("t", shape)
     steps = np.diff(t)
-    if (steps < 0.0).any() or ((steps == 0.0).any() and not system.points) or not t0 <= t[0]:  # two at an event of a contact
+    if (steps < 0.0).any() or ((steps == 0.0).any() and not twice) or not t0 <= t[0]:
         raise TrajectoryError(f"{path}: t is damaged: times must ascend from that of the start")
+    return t
+
+
+def _arrays(
+    path: str | Path, stored: Stored, system: System, engine: str, t0: float, inputs: int
+) -> tuple[Array, Array, Array, Array]:
+    """Read times, states, inputs and branches of the shapes that their scene needs; times first, since they tell how many."""
+    t = _times(path, stored, t0, bool(system.points))
     layout = system.mechanism.layout
     if stored.note["format"] == 1:
         widths = {"q": layout.nq, "v": layout.nv, "work": len(system.work_names)}

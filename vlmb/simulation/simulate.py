@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -19,8 +19,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
+from vlmb.model.building import build
 from vlmb.model.laws import law_breaks, law_jump
-from vlmb.model.mechanism import Mechanism, build
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import fits
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
@@ -41,6 +42,9 @@ from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, make_system
 
+if TYPE_CHECKING:
+    from vlmb.model.robot_mechanism import RobotMechanism
+
 Array = NDArray[np.float64]
 LOG = logging.getLogger("vlmb")
 LOG.addHandler(logging.NullHandler())  # silent unless a program asks for it
@@ -51,7 +55,7 @@ NUDGE = 1e-6  # [m, rad] by which a balanced start is tried
 
 
 def simulate(
-    scene: Scene | Mechanism | str | Path | Mapping[str, Any],
+    scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any],
     duration: float | None = None,
     method: str | None = None,
     rtol: float | None = None,
@@ -107,6 +111,12 @@ def simulate(
     )  # fmt: skip
     times = sample_times(run, t_eval, t0)
     with interrupts.held():
+        if not isinstance(mechanism, Mechanism):
+            from vlmb.simulation.robot_run import simulate_robots
+
+            if until is not None:
+                raise SceneError("until: contacts and ends by name are there for scenes of links alone, not for robots")
+            return simulate_robots(mechanism, run, times, control, start, t0, progress)
         return _simulated(mechanism, run, times, control, start, t0, progress, watch, until)
 
 

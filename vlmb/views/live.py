@@ -19,8 +19,8 @@ from vlmb.simulation.checking import check
 from vlmb.simulation.simulate import run_options
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import facts, packed, page
+from vlmb.views.sceneries import of_samples, of_state, of_trajectory
 from vlmb.views.view import FPS, View, serve
-from vlmb.views.visual_model import of_samples, of_state, of_trajectory
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,8 @@ class Live:
         self, scene: Scene, changes: Mapping[str, Any] | None = None, browser: bool | None = None, port: int = 0
     ) -> None:
         self.duration = run_options(scene, **dict(changes or {})).duration
-        self.mechanism, start = check(scene)
+        checked = check(scene)
+        self.mechanism, start = checked.mechanism, checked.start
         self.lock, self.drawing = threading.Lock(), threading.Lock()
         self.samples: list[tuple[Array, Array, Array]] = []  # t, q, v as the run hands them out
         self.shown = 0  # entries of it that the scenery has

@@ -12,8 +12,9 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.simulation.checking import check
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.views.sceneries import of_state, of_trajectory
 from vlmb.views.stills import still
-from vlmb.views.visual_model import Scenery, of_state, of_trajectory
+from vlmb.views.visual_model import Scenery
 
 HEIGHT = 300  # [pixels] of a picture
 FRAMES = 120  # from which it is chosen
@@ -40,18 +41,18 @@ def _of_trajectory(trajectory: Trajectory, height: int) -> str:
         what = [entry.name, names.meaning(entry), entry.unit]
         rows.append([*what, *(f"{number:.4g}" for number in numbers)])
     columns = ("coordinate", "", "unit", "start", "least", "most", "end")
-    picture = _picture(made, GHOSTS if trajectory.mechanism.layout.base != "pivot" else 0, height)
+    picture = _picture(made, GHOSTS if trajectory.scene.base.kind != "pivot" else 0, height)
     return f"<div>{picture}{_text(trajectory.summary())}{_table(columns, rows)}</div>"
 
 
 def _of_mechanism(mechanism: Mechanism, height: int) -> str:
-    scene, layout, picture = mechanism.scene, mechanism.layout, ""
+    scene, picture = mechanism.scene, ""
     lines = [f"{scene.name}: {scene.base.kind} base, {counted(len(scene.links), 'link')}"]
     lines += [f"left out  {entry}" for entry in mechanism.left_out] + [f"warning   {entry}" for entry in mechanism.warnings]
-    values = dict.fromkeys(layout.names, "")
+    values = dict.fromkeys(mechanism.coordinate_names, "")
     try:
         start = check(scene)[1]
-        values = {name: f"{start.coordinates[name]:.4g}" for name in layout.names}
+        values = {name: f"{start.coordinates[name]:.4g}" for name in mechanism.coordinate_names}
         lines += [f"note      {entry}" for entry in start.adjustments]
         picture = _picture(of_state(mechanism, start.state), 0, height)
     except VlmbError as error:  # a scene that cannot start has coordinates all the same

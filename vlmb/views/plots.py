@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError, nearest
+from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import force_symbol, panel_label, quantity_of
 from vlmb.views.dark import darkened
 from vlmb.views.data_plots import data
@@ -216,6 +217,10 @@ def save_all(
     Raises VlmbError for an unknown name in `only`, or when matplotlib is not installed.
     """
     runs = listed(trajectory)
+    if any(not isinstance(run.mechanism, Mechanism) for run in runs):
+        from vlmb.views.robot_plots import save_robot_plots
+
+        return [path for run in runs for path in save_robot_plots(run, folder)]
     wanted = list(PLOTS) if only is None else list(dict.fromkeys(only))
     for name in wanted:
         if name not in PLOTS:

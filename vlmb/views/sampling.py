@@ -17,8 +17,9 @@ def at_times(model: Any, t: Array, q: Array, when: Array) -> Array:
     share = ((when - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
     first, second = q[after - 1], q[after].copy()
     for joint in model.joints[1:]:
-        if joint.nq == 4 and joint.nv == 3 and "Spherical" in joint.shortname():
-            part = slice(joint.idx_q, joint.idx_q + 4)
+        name = joint.shortname()
+        if "Spherical" in name or "FreeFlyer" in name:
+            part = slice(joint.idx_q + joint.nq - 4, joint.idx_q + joint.nq)
             second[:, part] *= np.where(np.sum(first[:, part] * second[:, part], axis=1) < 0.0, -1.0, 1.0)[:, None]
     return np.array([pin.normalize(model, row) for row in (1.0 - share) * first + share * second])
 

@@ -22,11 +22,16 @@ from vlmb.simulation.checking import check
 from vlmb.simulation.files import write_text
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.page import page
+from vlmb.views.sceneries import of_state, of_trajectory
 from vlmb.views.stills import Shot, still
-from vlmb.views.visual_model import Scenery, of_state, of_trajectory
+from vlmb.views.visual_model import Scenery
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+    from vlmb.model.robot_mechanism import RobotMechanism
+
+    Shown = Mechanism | RobotMechanism
 
 __all__ = ["FPS", "Shot", "View", "export_html", "picture", "play", "posture", "serve", "show"]
 
@@ -101,7 +106,7 @@ class View:
 
 
 def show(
-    mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: bool = False, browser: bool | None = None, port: int = 0
+    mechanism: Shown, state: tuple[Any, Any] | None = None, arrows: bool = False, browser: bool | None = None, port: int = 0
 ) -> View:
     """Show a posture (default: the start of the scene) in a browser; a notebook shows the returned view itself.
 
@@ -122,7 +127,7 @@ def play(
 
 
 def export_html(
-    what: Trajectory | Mechanism, path: str | Path, fps: float = FPS, speed: float = 1.0, arrows: bool = False,
+    what: Trajectory | Shown, path: str | Path, fps: float = FPS, speed: float = 1.0, arrows: bool = False,
     programme: Any = None,
 ) -> Path:  # fmt: skip
     """Write one HTML file that plays a motion (or shows a start posture) anywhere, without a connection."""
@@ -131,7 +136,7 @@ def export_html(
 
 
 def picture(
-    what: Trajectory | Mechanism, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
+    what: Trajectory | Shown, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
     arrows: bool = False, programme: Any = None, since: float | None = None, view_from: tuple[float, float, float] | None = None,
     shot: Shot | None = None,
 ) -> Image:  # fmt: skip
@@ -145,11 +150,10 @@ def picture(
     return still(made, time, size, ghosts, since, view_from, shot)
 
 
-def posture(mechanism: Mechanism, state: tuple[Any, Any] | None = None, arrows: bool = False) -> Scenery:
+def posture(mechanism: Shown, state: tuple[Any, Any] | None = None, arrows: bool = False) -> Scenery:
     """Return the scenery of a posture; without a state, of the start of the scene."""
     if state is None:
-        mechanism, start = check(mechanism.scene)
-        state = start.state
+        state = check(mechanism).start.state
     return of_state(mechanism, state, arrows)
 
 

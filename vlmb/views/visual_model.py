@@ -18,6 +18,7 @@ from vlmb.model.coordinates import kinematics
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import make_data
 from vlmb.model.reading import Postures, postures
+from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Base, Link, Segment
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import appearance, shapes
@@ -152,9 +153,9 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     base = seen.place
     if layout.base == "ski":
         heading = _about_z(q[:, 2], q[:, 3])
-        bodies += _ski(mechanism, base, heading)
+        bodies += draw_ski(scene, base, heading)
         bodies += _bindings(mechanism, size)
-        bodies += _ways(base, size, programme)
+        bodies += draw_ways(base, size, programme)
     elif layout.base == "free" and scene.base.mass:
         bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), appearance.MASS, base))
     person = person_of(mechanism, seen, rotations)
@@ -163,10 +164,10 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     for i in layout.order:
         part = part_of(person, mechanism, seen, i) if person else None
         frame = person.rotations.get(i, rotations[:, i]) if person else rotations[:, i]
-        bodies += _link(scene.links[i], i, seen, frame, size, person, part)
+        bodies += draw_link(scene.links[i], i, seen, frame, size, person, part)
     heads = crowns(person, mechanism, seen) if person else []
     everything = np.stack([base, *hinges, *tips, *heads], axis=1)
-    ground = _ground(everything, size, layout.base)
+    ground = draw_ground(everything, size, layout.base)
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
         cone = shapes.cone(0.09 * size, 0.05 * size)
@@ -190,9 +191,10 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), max(radius, 0.6 * size))
 
 
-def _link(
-    link: Link, number: int, seen: Postures, frame: Array, size: float, person: Person | None, part: Part | None
-) -> list[Body]:
+def draw_link(
+    link: Link, number: int, seen: Postures | Any, frame: Array, size: float, person: Person | None = None,
+    part: Part | None = None,
+) -> list[Body]:  # fmt: skip
     """Lower segment, rod, upper segment, hinge and point mass of a link, and what it wears."""
     look = look_of(link.name, number)
     length = link.rod.length
@@ -232,13 +234,14 @@ def _segment(segment: Segment, sleeve: Mesh, thin: float) -> tuple[Mesh, str]:
     return (shapes.tube(thin), appearance.TELESCOPE) if segment.motion == "fixed" else (sleeve, appearance.STRETCH)
 
 
-def _ski(mechanism: Mechanism, base: Array, heading: Array) -> list[Body]:
-    scene = mechanism.scene.base
-    length = _ski_length(scene)
+def draw_ski(scene: Scene, base: Array, heading: Array) -> list[Body]:
+    """The ski along its way."""
+    length, offset = _ski_length(scene.base), scene.base.com_offset
     bodies = [Body("ski", shapes.ski(length), appearance.SKI, base, heading)]
-    centre = np.array([scene.com_offset, 0.0, 0.02 * length])
-    if not mechanism.scene.links or scene.com_offset:
-        bodies.append(Body("ski/mass", shapes.ball(min(_ball_radius(scene.mass, 1.0), 0.05 * length)), appearance.MASS, centre))
+    centre = np.array([offset, 0.0, 0.02 * length])
+    if not (scene.links or scene.robots) or offset:
+        ball = shapes.ball(min(_ball_radius(scene.base.mass, 1.0), 0.05 * length))
+        bodies.append(Body("ski/mass", ball, appearance.MASS, centre))
     return bodies
 
 
@@ -269,7 +272,7 @@ def _ski_length(base: Base) -> float:
     return float(np.clip(math.sqrt(12.0 * base.inertia / base.mass), 0.7, 2.0))
 
 
-def _ways(base: Array, size: float, programme: Any) -> list[Body]:
+def draw_ways(base: Array, size: float, programme: Any) -> list[Body]:
     """The track left behind and the way of a programme."""
     bodies = []
     if len(base) > 1:
@@ -306,7 +309,8 @@ def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None, flo
     return bodies
 
 
-def _ground(everything: Array, size: float, base: str) -> Ground:
+def draw_ground(everything: Array, size: float, base: str) -> Ground:
+    """The ground below all places (N, any, 3) of a motion."""
     low = everything.reshape(-1, 3).min(axis=0)
     high = everything.reshape(-1, 3).max(axis=0)
     on_ground = base == "ski" or (low[2] > -0.02 * size and everything[..., 2].mean() > 0.1 * size)

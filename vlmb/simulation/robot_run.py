@@ -1,0 +1,145 @@
+"""A run of a scene with robots, and what is known before one."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError
+from vlmb.model.layout import State
+from vlmb.model.names import counted
+from vlmb.model.robot_mechanism import RobotMechanism
+from vlmb.scene.scene import Scene
+from vlmb.scene.tables import Run
+from vlmb.simulation.end import End
+from vlmb.simulation.loop import Loop
+from vlmb.simulation.robot_trajectory import RobotTrajectory
+from vlmb.system import interrupts
+from vlmb.system.pace import longest_steps, require_data
+from vlmb.system.robot_engine import RobotEngine, RobotView, asked
+from vlmb.system.robot_start import robot_start
+from vlmb.system.robot_system import make_robot_system
+from vlmb.system.robot_workspace import RobotWorkspace
+from vlmb.system.start import Start
+
+Array = NDArray[np.float64]
+
+
+def simulate_robots(
+    mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None,
+    start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None,
+) -> RobotTrajectory:  # fmt: skip
+    """Simulate with checked options; see `vlmb.simulate`."""
+    if start is not None:
+        mechanism = begun_at(mechanism, start)
+    require_data(mechanism.scene, t0, float(times[-1]))
+    system = make_robot_system(mechanism, run)
+    begin = robot_start(system, t0)
+    interrupts.answer()
+    if control is not None:
+        view = RobotView(system, RobotWorkspace(system), t0, State(*map(np.array, begin.state)))
+        system = system.with_inputs(tuple(asked(control, view)))
+    breaks = system.breaks(t0, t0 + run.duration)
+    with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
+        warnings.simplefilter("ignore")
+        engine = RobotEngine(system, begin.state, control if system.inputs else None)
+        y = engine.pack(begin.state)
+        bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
+        began, used = time.perf_counter(), time.thread_time()
+        loop = Loop(engine, run, y, times, breaks, t0, bounds, progress, np.inf if control is None else 1.0 / run.samples)
+
+        def trajectory(status: str, message: str) -> RobotTrajectory:
+            stats = {
+                "wall_time": time.perf_counter() - began, "cpu_time": time.thread_time() - used,
+                "rhs_evaluations": loop.evaluations, "steps": loop.steps, "engine": engine.name,
+            }  # fmt: skip
+            return RobotTrajectory.of_run(system, engine, loop, begin, t0, status, message, stats)
+
+        try:
+            status, message = loop.run()
+        except BaseException as error:
+            with contextlib.suppress(AttributeError):
+                error.trajectory = trajectory("failed", loop.failed_by(error))  # type: ignore[attr-defined]
+            raise
+        return trajectory(status, message)
+
+
+def begun_at(mechanism: RobotMechanism, start: End | Mapping[str, float]) -> RobotMechanism:
+    """Return a mechanism whose scene has another start: the end of a run as a whole, a dict laid over its own."""
+    scene, names = mechanism.scene, mechanism.names
+    data = scene.to_dict()
+    if isinstance(start, End):
+        if tuple(names.index) != start.names:
+            raise SceneError("start: the end of a run with other coordinates; give a dict of those that both have")
+        given: dict[str, Any] = {**start.coordinates, **start.rates}
+        kept: dict[str, Any] = {}
+    elif isinstance(start, Mapping):
+        given = names.canonical(start, "start")
+        over = {*given, *(("x_dot", "y_dot") if "speed" in given else ())}
+        over |= {"speed"} if {"x_dot", "y_dot"} & given.keys() else set()
+        kept = {name: value for name, value in names.canonical(data.get("start", {}), "start").items() if name not in over}
+    else:
+        raise SceneError(f"start = {start!r:.80}: must be the end of a run, or a dict of coordinates and rates by name")
+    changed = Scene.from_dict({**data, "start": {**kept, **given}}, "arguments")
+    made = dataclasses.replace(mechanism, scene=changed)
+    made.__dict__["robots"] = mechanism.robots  # the model is the same
+    return made
+
+
+class CheckedRobots(NamedTuple):
+    """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
+
+    mechanism: RobotMechanism
+    start: Start
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was checked."""
+        return self.mechanism.scene
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Independent velocities at the start."""
+        return self.mechanism.table.velocities - self.start.rank
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out and adjusted, what is known of measured data, how a programme is stable."""
+        left = (f"left out: {entry}" for entry in self.mechanism.left_out)
+        data = (column.report for column in self.mechanism.signals.columns)
+        return (*left, *data, *self.start.adjustments)
+
+    @property
+    def report(self) -> str:
+        """Coordinates and degrees of freedom in a line, then a line for each note."""
+        coordinates = counted(len(self.mechanism.names.index), "coordinate")
+        counts = f"fine. {coordinates}, {counted(self.degrees_of_freedom, 'degree')} of freedom"
+        return "\n".join([counts, *(f"  {note}" for note in self.notes)])
+
+    def __repr__(self) -> str:
+        return f"{self.scene.name}: {self.report}"
+
+
+def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
+    """Do everything that comes before a run; raise what a run would."""
+    scene = mechanism.scene
+    require_data(scene, 0.0, scene.run.duration)
+    system = make_robot_system(mechanism)
+    start = robot_start(system)
+    system.breaks(0.0, scene.run.duration)
+    engine = RobotEngine(system, start.state)
+    engine.workspace.evaluate(0.0, engine.pack(start.state))
+    programme, notes = engine.workspace.programme, []
+    if programme is not None:
+        rank, condition = programme.rank(programme.control_matrix)
+        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
+        notes.append(f"programme: {programme.report}; {controllable}")
+        notes += engine.workspace.unreached()
+    return CheckedRobots(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))

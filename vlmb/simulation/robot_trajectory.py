@@ -1,0 +1,333 @@
+"""The trajectory of a scene with robots. Everything but the states is computed when asked for."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import TrajectoryError, VlmbError, nearest
+from vlmb.model.frozen import read_only
+from vlmb.model.robot_mechanism import RobotMechanism
+from vlmb.scene.names import DAMPERS, ENERGIES, listed
+from vlmb.simulation.columns import Column, to_pandas, to_xarray
+from vlmb.simulation.doubts import of_energy, of_rows
+from vlmb.simulation.end import End
+from vlmb.simulation.loop import Loop
+from vlmb.simulation.named import Named, Residual, largest
+from vlmb.simulation.storage import checked_path, write_columns
+from vlmb.simulation.trajectory import Trajectory, versions
+from vlmb.system.robot_engine import RobotEngine
+from vlmb.system.robot_programme import NO_LIMIT, effort_limits
+from vlmb.system.robot_system import RobotSystem, make_robot_system
+from vlmb.system.robot_workspace import RobotWorkspace
+from vlmb.system.start import Start
+
+Array = NDArray[np.float64]
+
+WRENCH = ("x", "y", "z", "moment_x", "moment_y", "moment_z")  # of a weld: N, N m
+SHOWN = 8  # controls in a summary
+
+
+class RobotTrajectory(Trajectory):
+    """Samples of a motion with robots: t (N,) [s]; Pinocchio's q (N, nq), v (N, nv); work (N, W) [J].
+
+    trajectory["elbow_joint"], ["left_foot.z"], ["com.x_dot"], ["energy"]; `position("left_foot")`, `controls`, `reactions`,
+    `residuals`, `shares` of the limits of the URDF. A weld's reaction is (N, 6): force and moment on its first frame about that
+    frame's origin, surface frame.
+    """
+
+    mechanism: RobotMechanism  # type: ignore[assignment]
+
+    @staticmethod
+    def of_run(
+        system: RobotSystem, engine: RobotEngine, loop: Loop, start: Start, t0: float, status: str, message: str, stats: Any
+    ) -> RobotTrajectory:
+        """Turn the samples of a run into a trajectory."""
+        recorded = loop.recorded
+        states = engine.stored(recorded.t, recorded.states)
+        inputs, branch = engine.sampled(recorded.t, recorded.states)
+        if np.isnan(inputs[-1:]).any():
+            message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
+        told = (*start.adjustments, *(f"left out: {entry}" for entry in system.mechanism.left_out))
+        if engine.workspace.programme is not None:
+            with contextlib.suppress(VlmbError):
+                engine.workspace.evaluate(float(recorded.t[0]), np.array(states[0]))
+            told = (*told, *engine.workspace.unreached())
+
+        def made(doubts: tuple[str, ...]) -> RobotTrajectory:
+            mechanism: Any = system.mechanism
+            found = RobotTrajectory(
+                mechanism, recorded.t, states, engine.name, inputs, system.inputs, branch, system.run, status, message,
+                told, stats, versions(), float(t0), doubts,
+            )  # fmt: skip
+            found.__dict__["system"] = system
+            return found
+
+        first = made(())
+        try:
+            doubts = () if status == "failed" else first.doubts_found()
+        except Exception as error:  # the samples are there, whatever becomes of what is computed of them
+            doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
+        whole = made(doubts) if doubts else first
+        whole.__dict__.update({name: value for name, value in first.__dict__.items() if name in ("_energies", "_evaluations")})
+        return whole
+
+    @cached_property
+    def system(self) -> RobotSystem:  # type: ignore[override]
+        """The equations of this run; compiled again after reading a pickle."""
+        return make_robot_system(self.mechanism, self.run, self.input_names or None)
+
+    @property
+    def q(self) -> Array:
+        """Pinocchio's configurations (N, nq)."""
+        return read_only(self.states[:, : self.mechanism.model.nq])
+
+    @property
+    def v(self) -> Array:
+        """Pinocchio's velocities (N, nv)."""
+        model = self.mechanism.model
+        return read_only(self.states[:, model.nq : model.nq + model.nv])
+
+    @property
+    def work(self) -> Array:
+        """Work states (N, W) [J]."""
+        return read_only(self.states[:, self.mechanism.model.nq + self.mechanism.model.nv :])
+
+    @cached_property
+    def _coordinates(self) -> tuple[Array, Array]:
+        values, rates = self.mechanism.read(self.q, self.v)
+        return read_only(values), read_only(rates)
+
+    @property
+    def end(self) -> End:
+        """The last sample, from which another run goes on."""
+        values, rates = self._coordinates
+        return End(float(self.t[-1]), tuple(self.mechanism.names.index), tuple(values[-1].tolist()), tuple(rates[-1].tolist()))
+
+    def __getitem__(self, name: str) -> Array:
+        if not isinstance(name, str):
+            raise TrajectoryError(f"trajectory[{name!r:.80}]: a name is needed, such as trajectory['energy'] for all its samples")
+        if name == "t":
+            return self.t
+        if name in ENERGIES:
+            return self._energies[name]
+        if name in self.mechanism.signals:
+            return read_only(self.mechanism.signals.along(name, self.t))
+        names = self.mechanism.names
+        if name not in names:
+            raise TrajectoryError(f"this trajectory has no {name!r:.80}; {names.hint(name)}")
+        quantity = names.find(name)
+        at = names.index.get(quantity.name.removesuffix("_dot"))
+        if at is not None:
+            return read_only(self._coordinates[quantity.rate][:, at])
+        return read_only(self.mechanism.along(quantity, self.q, self.v))
+
+    def position(self, link: str, point: str = "") -> Array:
+        """Positions (N, 3) [m] of a frame, or of a point of a link, in the surface frame."""
+        name = f"{link}.{point}" if point else link
+        if name not in self.mechanism.frames:
+            raise TrajectoryError(f"no frame {name!r:.80}; {nearest(name, self.mechanism.frames)}")
+        return read_only(np.column_stack([self[f"{name}.{axis}"] for axis in "xyz"]))
+
+    def hinge_force(self, link: str) -> Array:
+        """Raise TrajectoryError: forces in hinges are told of scenes of links alone."""
+        raise TrajectoryError("forces in hinges are told of scenes of links alone; welds have reactions")
+
+    hinge_torque = hinge_force
+
+    @cached_property
+    def controls(self) -> Mapping[str, Array]:
+        """Forces by law, of a control callable and of the programme by name, (N,) [N, N m]."""
+        names = tuple(dict.fromkeys(force.name for force in self.system.named))
+        return Named("control", names, lambda name: self._evaluations["controls"][name])
+
+    @cached_property
+    def reactions(self) -> Mapping[str, Array]:
+        """Reactions (N,) of edges, ideal rows and the knife edge; (N, 6) of welds, as `weld:left_foot`."""
+        names = tuple(dict.fromkeys(row.text for row in self.system.info[: self.system.eliminated]))
+        return Named("reaction", names, lambda name: self._evaluations["reactions"][name])
+
+    @cached_property
+    def residuals(self) -> Mapping[str, Residual]:
+        """Errors of all rows by name; of a weld the largest of its six."""
+        count = self.system.eliminated + self.system.servo
+        names = tuple(dict.fromkeys(row.text for row in self.system.info[:count]))
+        return Named("residual", names, lambda name: self._evaluations["residuals"][name])
+
+    @property
+    def conditions(self) -> Array:
+        """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample."""
+        return self._evaluations["conditions"] if self.system.plan is not None else read_only(np.zeros(0))
+
+    def power(self, name: str) -> Array:
+        """Power (N,) [W] of a force: the rate of its work."""
+        self.controls[name]  # explains a wrong name
+        return self._evaluations["powers"][name]
+
+    @property
+    def work_by_force(self) -> dict[str, Array]:
+        """Work (N,) [J] done by each force, and lost in dampers (`dissipation`)."""
+        return {name: self.work[:, k] for k, name in enumerate(self.system.work_names)}
+
+    @cached_property
+    def _evaluations(self) -> dict[str, Any]:
+        system, space = self.system, RobotWorkspace(self.system)
+        space.start_posture(self.q[0] if self.t[0] == self.t0 else self._started())
+        count, info, rows = len(self.t), system.info, system.eliminated + system.servo
+        values, lambdas = np.full((count, len(system.forces)), np.nan), np.full((count, system.eliminated), np.nan)
+        errors, powers = np.full((count, 2, len(info)), np.nan), np.full((count, len(system.work_names)), np.nan)
+        strengths = np.full((count, 2), np.nan)
+        for i, (t, y) in enumerate(zip(self.t.tolist(), self.states, strict=True)):
+            if np.isnan(self.inputs[i]).any():
+                continue
+            try:
+                now = space.evaluate(t, np.array(y), self.inputs[i])
+            except VlmbError:
+                if self.status == "failed":
+                    continue
+                raise
+            values[i], lambdas[i], errors[i], powers[i] = now.values, now.multipliers, now.residuals[:2], now.powers
+            if space.programme is not None:
+                strengths[i] = space.programme.strengths(space.programme.control_matrix)
+        controls: dict[str, Array] = {}
+        for k, force in enumerate(system.forces):
+            controls[force.name] = controls.get(force.name, 0.0) + values[:, k]
+        reactions: dict[str, Array] = {}
+        residuals: dict[str, Residual] = {}
+        equations = {row.text: row.text for row in info}
+        for name in dict.fromkeys(row.text for row in info[:rows]):
+            at = [k for k, row in enumerate(info[:rows]) if row.text == name]
+            if at[0] < system.eliminated:
+                reactions[name] = read_only(lambdas[:, at] if len(at) > 1 else lambdas[:, at[0]])
+            several = len(at) > 1
+            position, velocity = (
+                np.abs(errors[:, which, at]).max(axis=1) if several else errors[:, which, at[0]] for which in (0, 1)
+            )
+            residuals[name] = Residual(
+                read_only(position) if info[at[0]].holonomic else None, read_only(velocity), equations.get(name, "")
+            )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            conditions = np.fmax.reduce(strengths[:, 0], initial=0.0) / strengths[:, 1]
+        return {
+            "controls": {name: read_only(found) for name, found in controls.items()}, "reactions": reactions,
+            "residuals": residuals, "conditions": read_only(conditions),
+            "powers": {name: read_only(powers[:, k]) for k, name in enumerate(system.work_names)},
+            "report": "" if space.programme is None else space.programme.report,
+        }  # fmt: skip
+
+    def _started(self) -> Array:
+        from vlmb.system.robot_start import robot_start
+
+        return np.asarray(robot_start(self.system, self.t0).state.q)
+
+    @cached_property
+    def _energies(self) -> dict[str, Array]:
+        space = RobotWorkspace(self.system)
+        kinetic, potential, spring = np.array([space.energies(q, v) for q, v in zip(self.q, self.v, strict=True)]).T
+        total = kinetic + potential + spring
+        works = self.work_by_force
+        lost = works.get(DAMPERS, np.zeros(len(total)))
+        work = sum((done for name, done in works.items() if name != DAMPERS), np.zeros(len(total)))
+        balance = total - total[0] - (work - work[0]) + (lost - lost[0])
+        return dict(zip(ENERGIES, map(read_only, (kinetic, potential, spring, total, work, lost, balance)), strict=True))
+
+    def doubts_found(self) -> tuple[str, ...]:
+        """Return what contradicts itself in what was recorded, in sentences."""
+        found = of_energy(self._energies, self.run)
+        held = {name: (self.residuals[name].position, self.residuals[name].velocity) for name in self.reactions}
+        rates = float(np.abs(self._coordinates[1]).max(initial=0.0))
+        return (*found, *(of_rows(held, rates, self.run) if held else ()))
+
+    @cached_property
+    def shares(self) -> dict[str, float]:
+        """The largest share of each limit that the URDF tells: `effort:T_elbow_joint`, `speed:elbow_joint`, `range:elbow_joint`.
+
+        A share of a range is the distance from its middle over half of it: beyond 1 the joint is beyond its limit.
+        """
+        model, names, found = self.mechanism.model, self.mechanism.names, {}
+        known = set(self.controls)
+        for force, limit in zip(self.system.forces, effort_limits(self.mechanism, self.system.forces).tolist(), strict=True):
+            if np.isfinite(limit) and force.name in known:
+                found[f"effort:{force.name}"] = largest(self.controls[force.name]) / limit
+        for force in names.forces.values():
+            if not force.joint:
+                continue
+            joint = model.joints[force.joint]
+            fast = float(model.upperVelocityLimit[joint.idx_v])
+            low, high = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+            if 0.0 < fast < NO_LIMIT:
+                found[f"speed:{force.along}"] = largest(self.v[:, joint.idx_v]) / fast
+            if -NO_LIMIT < low < high < NO_LIMIT and high - low < 1e3:
+                found[f"range:{force.along}"] = largest(self.q[:, joint.idx_q] - 0.5 * (low + high)) / (0.5 * (high - low))
+        return found
+
+    def columns(self, points: bool = False) -> Iterator[Column]:
+        """Yield time, coordinates, rates, energies, measured data, controls, reactions and residuals, in this order."""
+        names, signals = self.mechanism.names, self.mechanism.signals
+        yield Column("t", "s", self.t)
+        for name in names.known:
+            yield Column(name, names.find(name).unit, self[name])
+        for name in ENERGIES:
+            yield Column(name, "J", self[name])
+        for name in signals:
+            yield Column(name, signals.unit(name), self[name])
+        units = {force.name: force.unit for force in self.system.forces}
+        for name, values in self.controls.items():
+            yield Column(name, units[name], values)
+        for name, values in self.reactions.items():
+            if values.ndim == 1:
+                yield Column(name, "N" if name == "knife_edge" or name.startswith("edge:") else "", values)
+            else:
+                for k, axis in enumerate(WRENCH):
+                    yield Column(f"{name}.{axis}", "N" if k < 3 else "N m", values[:, k])
+        for name, residual in self.residuals.items():
+            if residual.position is not None:
+                yield Column(f"residual:{name}", "", residual.position)
+            yield Column(f"residual_dot:{name}", "m/s" if name == "knife_edge" else "", residual.velocity)
+        if points:
+            places = [place for place in [*self.mechanism.frames, "com"] if place not in ("universe",)]
+            for place in dict.fromkeys(places):
+                for axis in "xyz":
+                    yield Column(f"{place}.{axis}", "m", self[f"{place}.{axis}"])
+
+    def save(self, path: str | Path) -> Path:
+        """Write the trajectory with its scene; `load_trajectory` reads it. A wrapped pinocchio.Model has no scene to write."""
+        if self.mechanism.given is not None:
+            why = "a run of a wrapped pinocchio.Model has no scene that could be stored; save_csv writes its columns"
+            raise TrajectoryError(f"{path}: {why}")
+        return super().save(path)
+
+    def save_csv(self, path: str | Path) -> Path:
+        """Write the columns of `to_pandas`, with their units in the header line."""
+        return write_columns(checked_path(path), {column.header: column.values for column in self.columns()})
+
+    def to_pandas(self, points: bool = False, hinges: bool = False) -> Any:
+        """Return a pandas.DataFrame over t; `points` adds all frames and the centre of mass."""
+        return to_pandas(self.columns(points))
+
+    def to_xarray(self, points: bool = False, hinges: bool = False) -> Any:
+        """Return the same as an xarray.Dataset over t."""
+        about = {"scene": self.scene.name, "method": self.run.method, "status": self.status, "message": self.message}
+        return to_xarray(self.columns(points), about | {"vlmb": self.versions.get("vlmb", "")})
+
+    def summary(self) -> str:
+        """Return what a user wants to know of the run in a few lines."""
+        from vlmb.simulation.robot_summary import summarize_robots
+
+        programme = "" if self.system.plan is None else self._evaluations["report"]
+        if programme:
+            programme += f"; condition of G up to {np.fmax.reduce(self.conditions, initial=0.0):.4g}"
+        return summarize_robots(self, programme)
+
+    def __repr__(self) -> str:
+        parts = [f"{len(self)} samples, {self.message.rstrip('.')}", *(f"DOUBT: {doubt}" for doubt in self.doubts)]
+        parts += [self.mechanism.names.shown]
+        for what, mapping in (("controls", self.controls), ("reactions", self.reactions)):
+            parts += [f"{what} {listed(tuple(mapping))}"] if mapping else []
+        return f"<Trajectory of {self.scene.name!r}: {'; '.join(parts)}>"

@@ -1,0 +1,88 @@
+"""The programme of a scene with robots: its gains, the scales of its controls, the efforts that a URDF allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.errors import SceneError, nearest
+from vlmb.model.robot_mechanism import RobotMechanism
+from vlmb.model.robot_names import RobotForce, allowed_names
+from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Posture, Programme, Run
+from vlmb.system.constraints import Constraint
+from vlmb.system.gains import MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
+from vlmb.system.programme import ProgrammePlan
+
+Array = NDArray[np.float64]
+
+NO_LIMIT = 1e29  # what a URDF says of a joint that has none
+
+
+def effort_limits(mechanism: RobotMechanism, forces: Sequence[RobotForce]) -> Array:
+    """Return the efforts [N, N m] that the URDF allows each force; infinite where it tells none."""
+    model, found = mechanism.model, []
+    for force in forces:
+        limit = float(model.upperEffortLimit[model.joints[force.joint].idx_v]) if force.joint else math.inf
+        found.append(limit if 0.0 < limit < NO_LIMIT else math.inf)
+    return np.array(found)
+
+
+def _scales(mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce]) -> Array:
+    """1/sqrt(R_s): a given weight, the URDF's effort limit, or m g (forces), m g times a metre (moments)."""
+    names = [force.name for force in controls]
+    for name in programme.weights:
+        if name not in names:
+            raise SceneError(f"programme.weights.{name}: not one of the controls; {nearest(name, names)}")
+    given = dict[str, float]()
+    for name, text in programme.weights.items():
+        value = fixed_number(text, f"programme.weights.{name}", mechanism.scene.parameters)
+        if value is None or not value > 0.0:
+            raise SceneError(f"programme.weights.{name} = {text!r:.80}: a number above 0, or an expression of parameters")
+        given[name] = value
+    weight = mechanism.table.mass * (mechanism.scene.gravity or 9.81)
+    limits = effort_limits(mechanism, controls)
+    default = [limit if math.isfinite(limit) else weight for limit in limits.tolist()]
+    return np.array([
+        given[name] ** -0.5 if name in given else scale for name, scale in zip(names, default, strict=True)
+    ])  # fmt: skip
+
+
+def make_robot_plan(
+    mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce], rows: Sequence[Constraint],
+    second: Sequence[Constraint], run: Run,
+) -> ProgrammePlan:  # fmt: skip
+    """Choose gains and check them. Raises SceneError for too few controls and for gains under which errors would grow."""
+    if len(rows) > len(controls):
+        raise SceneError(f"programme: {len(rows)} rows need at least as many controls; there are {len(controls)}")
+    known = mechanism.names.forces
+    for name in (programme.posture or Posture()).weights:
+        if f"T_{name}" not in known:
+            joints = [force.along for force in known.values() if force.joint]
+            raise SceneError(f"programme.posture.weights.{name}: no joint of a robot; {nearest(name, joints)}")
+    names = allowed_names(mechanism.names, [*mechanism.scene.parameters, *mechanism.signals])
+    moving = moving_gains(programme, [force.name for force in controls], names, mechanism.scene.parameters)
+    if moving.laws:
+        raise SceneError(f"{moving.laws[0].key}: with robots gains and weights are numbers, or expressions of parameters")
+    step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
+    own = max(1.0, math.sqrt(max(mechanism.scene.gravity, 1e-3)))
+    holonomic = np.array([row.holonomic for row in rows], dtype=bool)
+    h, k = gain_matrices(programme, holonomic.tolist(), own, step, mechanism.scene.parameters)
+    decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
+    second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
+    second_h = second_k = np.zeros((0, 0))
+    if second:
+        frequency = programme.secondary_frequency or programme.frequency
+        given = msgspec.structs.replace(
+            programme, frequency=frequency, gains=None if frequency is not None else "auto", damping_ratio=1.0, h=None, k=None
+        )
+        second_h, second_k = gain_matrices(given, second_holonomic.tolist(), own, step)
+    return ProgrammePlan(
+        tuple(row.text for row in rows), tuple(force.name for force in controls), _scales(mechanism, programme, controls),
+        holonomic, h, k, decay, MovingGains(), second_holonomic, second_h, second_k,
+    )  # fmt: skip
+
+
