@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from vlmb.errors import TrajectoryError
-from vlmb.simulation.columns import Column, columns
+from vlmb.simulation.columns import Column
 from vlmb.simulation.files import replacing
 from vlmb.simulation.trajectory import Trajectory
 
@@ -25,7 +25,7 @@ def export(trajectory: Trajectory, path: str | Path) -> Path:
     if path.suffix == ".nc":
         return _write_netcdf(trajectory, path)
     if path.suffix == ".sto":
-        return _write_storage(trajectory.scene.name, list(columns(trajectory, points=True)), path)
+        return _write_storage(trajectory.scene.name, list(trajectory.columns(points=True)), path)
     raise TrajectoryError(f"{path}: a run is written as {', '.join(FORMATS)}")
 
 

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from vlmb.simulation.columns import columns
-
 if TYPE_CHECKING:
     from vlmb.simulation.trajectory import Trajectory
 
@@ -27,7 +25,7 @@ class Extent(NamedTuple):
 
 def extents(trajectory: Trajectory) -> Iterator[Extent]:
     """Yield the extent of every column of `run.csv` but the time."""
-    found = columns(trajectory)
+    found = trajectory.columns()
     next(found)
     for name, unit, values in found:
         ends = float(values[0]), float(values[-1])

@@ -15,12 +15,11 @@ from vlmb.errors import TrajectoryError, VlmbError, nearest
 from vlmb.model.frozen import read_only
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.scene.names import DAMPERS, ENERGIES, listed
-from vlmb.simulation.columns import Column, to_pandas, to_xarray
+from vlmb.simulation.columns import Column
 from vlmb.simulation.doubts import of_energy, of_rows
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
-from vlmb.simulation.storage import checked_path, write_columns
 from vlmb.simulation.trajectory import Trajectory, versions
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
@@ -267,8 +266,8 @@ class RobotTrajectory(Trajectory):
                 found[f"range:{force.along}"] = largest(self.q[:, joint.idx_q] - 0.5 * (low + high)) / (0.5 * (high - low))
         return found
 
-    def columns(self, points: bool = False) -> Iterator[Column]:
-        """Yield time, coordinates, rates, energies, measured data, controls, reactions and residuals, in this order."""
+    def columns(self, points: bool = False, hinges: bool = False) -> Iterator[Column]:
+        """Yield the columns of `to_pandas`; `points` adds all frames and the centre of mass. Hinges are those of links alone."""
         names, signals = self.mechanism.names, self.mechanism.signals
         yield Column("t", "s", self.t)
         for name in names.known:
@@ -302,19 +301,6 @@ class RobotTrajectory(Trajectory):
             why = "a run of a wrapped pinocchio.Model has no scene that could be stored; save_csv writes its columns"
             raise TrajectoryError(f"{path}: {why}")
         return super().save(path)
-
-    def save_csv(self, path: str | Path) -> Path:
-        """Write the columns of `to_pandas`, with their units in the header line."""
-        return write_columns(checked_path(path), {column.header: column.values for column in self.columns()})
-
-    def to_pandas(self, points: bool = False, hinges: bool = False) -> Any:
-        """Return a pandas.DataFrame over t; `points` adds all frames and the centre of mass."""
-        return to_pandas(self.columns(points))
-
-    def to_xarray(self, points: bool = False, hinges: bool = False) -> Any:
-        """Return the same as an xarray.Dataset over t."""
-        about = {"scene": self.scene.name, "method": self.run.method, "status": self.status, "message": self.message}
-        return to_xarray(self.columns(points), about | {"vlmb": self.versions.get("vlmb", "")})
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""

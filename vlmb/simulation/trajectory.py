@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +27,7 @@ from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.scene.written import as_numbers
-from vlmb.simulation.columns import columns, to_pandas, to_xarray
+from vlmb.simulation.columns import Column, columns, to_pandas, to_xarray
 from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
@@ -295,9 +295,13 @@ class Trajectory(Remade, Displayed):
             note |= phases_as_data(self.stretches, self.events)
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
+    def columns(self, points: bool = False, hinges: bool = False) -> Iterator[Column]:
+        """Yield the columns of `to_pandas`, the time first, each as (name, unit, values)."""
+        return columns(self, points, hinges)
+
     def save_csv(self, path: str | Path) -> Path:
         """Write the columns of `to_pandas`, with their units in the header line: `psi1 [rad]`."""
-        return write_columns(checked_path(path), {column.header: column.values for column in columns(self)})
+        return write_columns(checked_path(path), {column.header: column.values for column in self.columns()})
 
     def to_pandas(self, points: bool = False, hinges: bool = False) -> Any:
         """Return a pandas.DataFrame over t of coordinates, rates, energies, controls, reactions and residuals.
@@ -305,7 +309,7 @@ class Trajectory(Remade, Displayed):
         Units are in `attrs["units"]`. `points` adds the points of all links and the centre of mass, `hinges` the forces and
         torques in the hinges; residuals are `residual:NAME` and `residual_dot:NAME`. Raises TrajectoryError without pandas.
         """
-        return to_pandas(columns(self, points, hinges))
+        return to_pandas(self.columns(points, hinges))
 
     def to_xarray(self, points: bool = False, hinges: bool = False) -> Any:
         """Return the columns of `to_pandas` as an xarray.Dataset over t, each with its unit in `attrs["units"]`.
@@ -313,7 +317,7 @@ class Trajectory(Remade, Displayed):
         Raises TrajectoryError without xarray.
         """
         about = {"scene": self.scene.name, "method": self.run.method, "status": self.status, "message": self.message}
-        return to_xarray(columns(self, points, hinges), about | {"vlmb": self.versions.get("vlmb", "")})
+        return to_xarray(self.columns(points, hinges), about | {"vlmb": self.versions.get("vlmb", "")})
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
