@@ -21,7 +21,7 @@ from vlmb.equations import matrices
 
 def run(*words: str | Path) -> int:
     args = make_parser().parse_args(["matrices", *map(str, words)])
-    return int(args.run(args))
+    return int(args.execute(args))
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ import pytest
 
 import vlmb
 from vlmb import Scene, simulate
+from vlmb.scene.rows import rows_of
 
 pytest.importorskip("matplotlib")
 
@@ -289,9 +290,10 @@ def test_many_controls_are_told_apart_by_colour_and_dashes(whole: vlmb.Trajector
     assert len({(line.get_color(), line.get_linestyle(), str(line._unscaled_dash_pattern)) for line in moments.lines}) == 13
     deviations = PLOTS["deviations"](whole)
     assert len(deviations.axes) == 13 and deviations.get_figheight() * DPI <= 1080
-    for ax, row in zip(deviations.axes, whole.scene.programme.constraints, strict=True):  # type: ignore[union-attr]
-        assert " ".join(ax.get_title(loc="left").split()) == row  # not cut
-        np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.maximum(np.abs(whole.residuals[row].position), ZERO))
+    texts = whole.scene.programme.constraints  # type: ignore[union-attr]
+    for ax, row, text in zip(deviations.axes, rows_of(whole.scene).servo, texts, strict=True):
+        assert " ".join(ax.get_title(loc="left").split()) == text  # not cut
+        np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.maximum(np.abs(whole.residuals[row.name].position), ZERO))
 
 
 def test_curves_that_lie_on_each_other_are_all_seen() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 import vlmb
 from tests.views.scenes import MODELS
+from vlmb.scene.rows import rows_of
 from vlmb.views.biomechanics import STRENGTHS, both_legs, joint_moments, knee_distance
 
 pytest.importorskip("matplotlib")
@@ -38,7 +39,7 @@ def paper(**changes: Any) -> vlmb.Scene:
 def test_deviations_are_drawn_as_computed_and_compared(slalom: vlmb.Trajectory) -> None:
     other = vlmb.simulate(MODELS / "skier_slalom.toml", duration=1.0, method="rk4", step=0.01)
     axes = np.array(PLOTS["deviations"]([slalom, other]).axes).reshape(-1, 2)
-    texts = list(slalom.scene.programme.constraints)  # type: ignore[union-attr]
+    texts = [row.name for row in rows_of(slalom.scene).servo]
     assert len(axes) == len(texts)
     for (plain, log), text in zip(axes, texts, strict=True):
         assert log.get_yscale() == "log" and plain.get_yscale() == "linear"

@@ -638,7 +638,7 @@ def test_a_film_from_where_it_is_told(skier: Trajectory) -> None:
 
 def command(*arguments: str) -> int:
     args = make_parser().parse_args(["view", *arguments])
-    return int(args.run(args))
+    return int(args.execute(args))
 
 
 def test_the_command_writes_files(skier: Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ from vlmb.simulation.facts import extents
 from vlmb.simulation.trajectory import Trajectory
 
 ROWS = 14  # of a table of results
+NOISE = 1e-12  # [m, rad] shown as 0
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -26,9 +27,13 @@ def results(trajectory: Trajectory) -> str:
     """Return a table of a run's coordinates: where each begins and ends, and between which values it goes."""
     known = set(trajectory.mechanism.coordinate_names)
     found = [entry for entry in extents(trajectory) if entry.name in known]
-    rows = [[entry.name, entry.unit, *(f"{number:.4g}" for number in entry[2:])] for entry in found]
+    rows = [[entry.name, entry.unit, *map(_shown, entry[2:])] for entry in found]
     more = [f"  ... and {len(rows) - ROWS} more in run.csv"] if len(rows) > ROWS else []
     return "\n".join([table(("coordinate", "unit", "start", "end", "least", "largest"), rows[:ROWS]), *more])
+
+
+def _shown(number: float) -> str:
+    return "0" if abs(number) < NOISE else f"{number:.4g}"
 
 
 def wrote(files: Sequence[Path]) -> str:

@@ -51,7 +51,7 @@ Array = NDArray[np.float64]
 def gain_table(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: int, gain: float) -> tuple[Array, Array]:
     """Return H and K (n, n), W vdot = H z + K z' - drift, of ideal rows (by Baumgarte), a programme and its secondary rows."""
     holonomic = np.array([row.holonomic for row in info], dtype=bool)
-    h, k = np.diag(-(gain**2) * holonomic), np.diag(np.where(holonomic, -2.0 * gain, -gain))
+    h, k = np.diag(-(gain * gain) * holonomic), np.diag(np.where(holonomic, -2.0 * gain, -gain))
     if plan is not None:
         servo, second = slice(ideal, ideal + len(plan.texts)), slice(ideal + len(plan.texts), None)
         h[servo, servo], k[servo, servo] = plan.gains()
