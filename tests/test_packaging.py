@@ -71,7 +71,8 @@ def test_wheel_ships_every_module_and_the_type_marker(tmp_path: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     files = (path.relative_to(ROOT) for path in (ROOT / "vlmb").rglob("*") if path.is_file())
     here = {path.as_posix() for path in files if "__pycache__" not in path.parts}
-    models = {f"vlmb/models/{path.name}" for path in (ROOT / "models").iterdir()}
+    shipped = (path.relative_to(ROOT) for path in (ROOT / "models").rglob("*") if path.is_file())
+    models = {f"vlmb/{path.as_posix()}" for path in shipped}
     assert {name for name in names if ".dist-info/" not in name} == here | models
     assert "vlmb/py.typed" in here
     assert f"vlmb-{vlmb.__version__}.dist-info/licenses/LICENSE" in names

@@ -890,12 +890,14 @@ def test_a_prescribed_law_without_a_start_is_named() -> None:
         vlmb.simulate(made)
 
 
-@pytest.mark.parametrize("wrong", [3, None, [{"base": {"kind": "ski"}}], pin.Model()], ids=["number", "nothing", "list", "model"])
+@pytest.mark.parametrize("wrong", [3, None, [{"base": {"kind": "ski"}}]], ids=["number", "nothing", "list"])
 def test_what_is_no_scene_is_refused(wrong: object) -> None:
     for call in (vlmb.simulate, vlmb.build, vlmb.check, lambda what: vlmb.accelerations(what, {})):
         with pytest.raises(vlmb.SceneError, match="must be a Scene, the path of a scene file, or a dict") as caught:
             call(wrong)
-        assert ("Pinocchio" in str(caught.value)) == isinstance(wrong, pin.Model)
+        assert "Pinocchio" not in str(caught.value)
+    with pytest.raises(vlmb.SceneError, match="Pinocchio"):
+        vlmb.accelerations(pin.Model(), {})
     for key in ("control", "progress", "watch"):
         with pytest.raises(vlmb.SceneError, match=f"{key} = 5: must be a function"):
             vlmb.simulate(scene(PIVOT, [link("a")]), **{key: 5})
