@@ -20,7 +20,7 @@ Scene = dict[str, Any]
 DURATION, HALF = 0.6, 0.3  # [s]
 TIGHT = {"rtol": 1e-10, "atol": 1e-11}
 NUDGE = 1e-7  # [rad] of a start that tells how fast errors grow
-ALLOWED = 1e-7  # [m] of a motion of metres, times the growth of a disturbed start
+ALLOWED = 3e-8  # [m] of a motion of metres, times the growth of a disturbed start
 SIDE_BY_SIDE = 1e-9  # a stop in time, over the duration, times that growth
 
 
