@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.scene.tables import DEFAULT_STEP
-from vlmb.simulation.methods import find_method
+from vlmb.simulation import summary
 from vlmb.simulation.named import largest
 
 Array = NDArray[np.float64]
@@ -17,55 +16,16 @@ Array = NDArray[np.float64]
 SHOWN = 8  # controls and limits, those of the largest shares first
 
 
-class Told(Protocol):
+class Told(summary.Told, Protocol):
     """What of a run the summary reads: see `RobotTrajectory`."""
 
     @property
-    def scene(self) -> Any: ...  # noqa: D102
-    @property
-    def t(self) -> Array: ...  # noqa: D102
-    @property
-    def t0(self) -> float: ...  # noqa: D102
-    @property
-    def run(self) -> Any: ...  # noqa: D102
-    @property
-    def status(self) -> str: ...  # noqa: D102
-    @property
-    def message(self) -> str: ...  # noqa: D102
-    @property
-    def adjustments(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def doubts(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def stats(self) -> dict[str, Any]: ...  # noqa: D102
-    @property
-    def residuals(self) -> Mapping[str, Any]: ...  # noqa: D102
-    @property
-    def reactions(self) -> Mapping[str, Array]: ...  # noqa: D102
-    @property
-    def controls(self) -> Mapping[str, Array]: ...  # noqa: D102
-    @property
-    def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
-    @property
     def shares(self) -> dict[str, float]: ...  # noqa: D102
-    def __getitem__(self, name: str) -> Array: ...
 
 
 def summarize_robots(run: Told, programme: str) -> str:
     """Return what a user wants to know of a run in a few lines; `programme` says how stable one is."""
-    options, wall, lasted = run.run, max(run.stats["wall_time"], 1e-9), float(run.t[-1]) - run.t0
-    fixed = not find_method(options.method).adaptive
-    chosen = f"step {options.step or DEFAULT_STEP:g} s" if fixed else f"rtol {options.rtol:g}, atol {options.atol:g}"
-    off = float(np.abs(run["balance"]).max())
-    share = off / max(float(run["kinetic"].max()), 1e-300)
-    lines = [f"DOUBTFUL  {doubt}" for doubt in run.doubts]
-    lines += [
-        f"{'FAILED  ' if run.status == 'failed' else ''}{run.scene.name}: {run.message}",
-        f"  simulated        {lasted:.6g} s in {wall:.3g} s ({lasted / wall:.3g} times real time)",
-        f"  method           {options.method} ({chosen}), {run.stats['steps']} steps, "
-        f"{run.stats['rhs_evaluations']} right-hand sides",
-        f"  energy balance   {off:.2e} J ({share:.1e} of the largest kinetic energy)",
-    ]
+    lines = summary.opening(run)
     for name, residual in run.residuals.items():
         position = "" if residual.position is None else f"{largest(residual.position):.2e}, "
         lines.append(f"  residual         {name}: {position}{largest(residual.velocity):.2e} /s")

@@ -109,23 +109,9 @@ class RobotTrajectory(Trajectory):
         values, rates = self._coordinates
         return End(float(self.t[-1]), tuple(self.mechanism.names.index), tuple(values[-1].tolist()), tuple(rates[-1].tolist()))
 
-    def __getitem__(self, name: str) -> Array:
-        if not isinstance(name, str):
-            raise TrajectoryError(f"trajectory[{name!r:.80}]: a name is needed, such as trajectory['energy'] for all its samples")
-        if name == "t":
-            return self.t
-        if name in ENERGIES:
-            return self._energies[name]
-        if name in self.mechanism.signals:
-            return read_only(self.mechanism.signals.along(name, self.t))
-        names = self.mechanism.names
-        if name not in names:
-            raise TrajectoryError(f"this trajectory has no {name!r:.80}; {names.hint(name)}")
-        quantity = names.find(name)
-        at = names.index.get(quantity.name.removesuffix("_dot"))
-        if at is not None:
-            return read_only(self._coordinates[quantity.rate][:, at])
-        return read_only(self.mechanism.along(quantity, self.q, self.v))
+    def _along(self, quantity: Any) -> Array:
+        at = self.mechanism.names.index.get(quantity.name.removesuffix("_dot"))
+        return self.mechanism.along(quantity, self.q, self.v) if at is None else self._coordinates[quantity.rate][:, at]
 
     def position(self, link: str, point: str = "") -> Array:
         """Positions (N, 3) [m] of a frame, or of a point of a link, in the surface frame."""

@@ -55,21 +55,26 @@ class Told(Protocol):
     def power(self, name: str) -> Array: ...  # noqa: D102
 
 
-def summarize(trajectory: Told, programme: str) -> str:
-    """Return what a user wants to know of a run in a few lines; `programme` says how stable one is."""
+def opening(trajectory: Told) -> list[str]:
+    """Tell what every summary begins with: doubts, how the run ended, what it cost, how exact its energy is."""
     run, wall, lasted = trajectory.run, max(trajectory.stats["wall_time"], 1e-9), float(trajectory.t[-1]) - trajectory.t0
     fixed = not find_method(run.method).adaptive
     options = f"step {run.step or DEFAULT_STEP:g} s" if fixed else f"rtol {run.rtol:g}, atol {run.atol:g}"
     off = float(np.abs(trajectory["balance"]).max())
     share = off / max(float(trajectory["kinetic"].max()), 1e-300)
-    lines = [f"DOUBTFUL  {doubt}" for doubt in trajectory.doubts]
-    lines += [
+    return [
+        *(f"DOUBTFUL  {doubt}" for doubt in trajectory.doubts),
         f"{'FAILED  ' if trajectory.status == 'failed' else ''}{trajectory.scene.name}: {trajectory.message}",
         f"  simulated        {lasted:.6g} s in {wall:.3g} s ({lasted / wall:.3g} times real time)",
         f"  method           {run.method} ({options}), {trajectory.stats['steps']} steps, "
         f"{trajectory.stats['rhs_evaluations']} right-hand sides",
         f"  energy balance   {off:.2e} J ({share:.1e} of the largest kinetic energy)",
     ]
+
+
+def summarize(trajectory: Told, programme: str) -> str:
+    """Return what a user wants to know of a run in a few lines; `programme` says how stable one is."""
+    lines = opening(trajectory)
     for name in trajectory.residuals:
         residual = trajectory.residuals[name]
         position = "" if residual.position is None else f"{largest(residual.position):.2e}, "

@@ -20,7 +20,7 @@ from vlmb.errors import TrajectoryError, nearest
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism
-from vlmb.model.names import POINTS
+from vlmb.model.names import POINTS, Quantity
 from vlmb.model.reading import Postures
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.scene.rows import rows_of
@@ -179,7 +179,11 @@ class Trajectory(Remade, Displayed):
         names = self.mechanism.names
         if name not in names:
             raise TrajectoryError(f"this trajectory has no {name!r:.80}; {names.hint(name)}")
-        return read_only(self._postures.read(names.find(name), *self._coordinates))
+        return read_only(self._along(names.find(name)))
+
+    def _along(self, quantity: Quantity) -> Array:
+        """Return a quantity of the mechanism at all samples."""
+        return self._postures.read(quantity, *self._coordinates)
 
     def position(self, link: str, point: str = "tip") -> Array:
         """Positions (N, 3) [m] of a link's hinge, rod_start, rod_end or tip in the surface frame."""
