@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from vlmb.errors import SceneError, nearest
+from vlmb.scene.by_phase import check_phases
 from vlmb.scene.contacts import check_contact
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
@@ -213,6 +214,7 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         _check_spring(spring, f"springs[{index}]", refuse)
     for index, contact in enumerate(scene.contacts):
         check_contact(scene, contact, f"contacts[{index}]", refuse)
+    check_phases(scene, refuse)
 
 
 def _check_force(force: Force, key: str, refuse: Any) -> None:

@@ -18,6 +18,7 @@ RESERVED = {
     "speed": "that of the ski's speed", **dict.fromkeys((*SNOW, "friction"), OF_SNOW), "impacts": "that of impacts",
     "t": "that of time", "phase_t": "that of time in a phase",
 }  # fmt: skip
+PHASE_TIME, PHASE_START = "phase_t", "phase.start"  # a name of laws, and the parameter of a phase that it goes by
 SHOWN, WIDTH = 6, 32  # names in a list for people, and characters of each
 COORDINATE = r"(x|y|z|phi\d+|psi\d+|xi\d+_[12])(_dot)?"
 FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_[\w.]+"
@@ -35,6 +36,8 @@ def kind_of(name: str) -> str | None:
 def why_not(name: str) -> str:
     """Say why an expression may not use a name, where it is that of a result; nothing for any other."""
     kind = kind_of(name)
+    if name == PHASE_TIME:
+        return f"{PHASE_TIME} is the time since a phase began, of forces, programmes and lengths in scenes with contacts"
     if kind in (None, "a coordinate"):
         return ""
     return f"{name} is {kind}, a result: laws and equations may not name forces, reactions or energies, which follow from them"

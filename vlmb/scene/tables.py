@@ -123,6 +123,8 @@ class Force(Table, frozen=True, kw_only=True):
     stiffness: NonNegative = 0.0  # [N m/rad]
     damping: NonNegative = 0.0  # [N m s/rad]
     rest: float = 0.0  # [rad], angle between the two directions
+    closed: tuple[str, ...] = ()  # contacts: it acts while all of these are closed
+    open: tuple[str, ...] = ()  # and all of these open; default: always
 
 
 class Spring(Table, frozen=True, kw_only=True):
@@ -210,6 +212,8 @@ class Programme(Table, frozen=True, kw_only=True):
     secondary_frequency: Positive | None = None  # [rad/s], default: frequency
     limits: Literal["report", "stop"] | None = None  # of a robot's joints, speeds and efforts; default report
     posture: Posture | None = None  # of a robot; default Posture()
+    closed: tuple[str, ...] = ()  # contacts: it acts while all of these are closed
+    open: tuple[str, ...] = ()  # and all of these open; default: always
 
 
 class Smoothing(Table, frozen=True, kw_only=True):
@@ -276,6 +280,7 @@ class SceneTables(Table, frozen=True, kw_only=True):
     welds: tuple[Weld, ...] = ()
     edges: tuple[Edge, ...] = ()
     programme: Programme | None = None
+    programmes: tuple[Programme, ...] = ()  # instead of `programme`: those that act at an instant are united
     contacts: tuple[Contact, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

@@ -56,6 +56,15 @@ class Stretch:
     quiet: bool = False  # it began where nothing is told
 
 
+def begun(stretches: Sequence[Stretch], count: int) -> Array:
+    """Return when the phase of every sample (count,) began [s]; 0 without phases."""
+    found, began = np.zeros(count), 0.0
+    for stretch in stretches:
+        began = began if stretch.quiet else stretch.start
+        found[stretch.first : stretch.last] = began
+    return found
+
+
 def phases_of(points: Sequence[ContactPoint], stretches: Sequence[Stretch]) -> tuple[Phase, ...]:
     """Return the phases that are told: intervals with constant states of contacts."""
     found: list[Phase] = []

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
+from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
@@ -24,6 +25,7 @@ from vlmb.system.probe import Answers
 
 Array = NDArray[np.float64]
 
+AGREE = 4  # tries to find what is closed under what acts then
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
 
 
@@ -49,7 +51,7 @@ class Settling(ContactView):
         opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones
         """
         y, frames = self.y, {k: self._frame(k) for k in near}
-        found = self._probe(self.impulses, y)
+        found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
         strikes = [k for k in near if footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired)]
@@ -60,7 +62,7 @@ class Settling(ContactView):
             if refusal:
                 return Outcome(footings, self.y, None, refusal)
             told = impact_told if strikes else {}
-            found = self._probe(self.impulses, y)
+            found = self._without_forces(y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         resting = [k for k in taking if approach[k][-1] <= STILL and k not in opening]
         states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
@@ -147,10 +149,29 @@ class Settling(ContactView):
         self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],
         leaving: Mapping[int, Array],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
-        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may."""
+        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may.
+
+        What acts goes by what is closed, and what is closed by what acts: they are made to agree.
+        """
+        scene, closed = self.systems.scene, frozenset(self.points[k].name for k in resting)
+        for _ in range(AGREE):
+            states, ways, refusal = self._modes_under(closed, y, resting, frames, speeds, leaving)
+            found = frozenset(self.points[k].name for k, state in states.items() if state in CLOSED)
+            if refusal or acting(scene, found) == acting(scene, closed):
+                return states, ways, refusal
+            closed = found
+        names = listed([self.points[k].name for k in resting])
+        why = "what acts while they are closed opens them, and without it they close; let it act in both, or in neither"
+        return {}, {}, f"programmes or forces by phase contradict what they do at the contacts {names}: {why}"
+
+    def _modes_under(
+        self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
+        speeds: Mapping[int, Array], leaving: Mapping[int, Array],
+    ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
+        """Return the same under what acts while some contacts are closed."""
         if not resting:
             return {}, {}, ""
-        found = self._probe(self.forces, y)
+        found = self._under_forces(y, closed)
         turn, rows = self._problem(resting, frames)
         shaped, known = [], {}
         for k, (normal, across) in zip(resting, rows, strict=True):
@@ -197,7 +218,7 @@ class Settling(ContactView):
                 f"contact {point.name!r}: its point meets the surface with a speed that laws prescribe, and no impulse can stop "
                 "it; let the law end softly, or leave the length free"
             )
-        found, k = self._probe(self.impulses, self.y), taking[refusal.contact]
+        found, k = self._without_forces(self.y), taking[refusal.contact]
         x = found.jets[k, :3, 0]
         angle = self._angle_to(point)
         told = f" at {angle:.4g} rad" if angle is not None else ""

@@ -22,6 +22,7 @@ from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import POINTS, Quantity
 from vlmb.model.reading import Postures
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
@@ -34,7 +35,7 @@ from vlmb.simulation.histories import energies_along, forces_along, work_by_forc
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases
-from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
+from vlmb.simulation.phases import Event, Phase, Stretch, begun, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
@@ -89,7 +90,7 @@ class Trajectory(Remade, Displayed):
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine, t, states, branch), {}
+        motion, looked = Motion(system, engine, t, states, branch, begun(stretches, len(t))), {}
         try:
             looked["_energies"] = energies_along(system, motion, work_by_force(system, motion))
             doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
@@ -109,7 +110,8 @@ class Trajectory(Remade, Displayed):
 
     @cached_property
     def _motion(self) -> Motion:
-        return Motion(self.system, self.engine, self.t, self.states, self.branch)
+        began = begun(self.stretches, len(self.t))
+        return Motion(self.system, self.engine, self.t, self.states, self.branch, began)
 
     @property
     def phases(self) -> tuple[Phase, ...]:
@@ -237,7 +239,7 @@ class Trajectory(Remade, Displayed):
         G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
         programme.
         """
-        return self._evaluations["conditions"] if self.scene.programme else read_only(np.zeros(0))
+        return self._evaluations["conditions"] if programmes_of(self.scene) else read_only(np.zeros(0))
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
@@ -325,7 +327,7 @@ class Trajectory(Remade, Displayed):
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
-        if self.scene.programme is None:
+        if not programmes_of(self.scene):
             return summarize(self, "")
         condition = np.fmax.reduce(self.conditions, initial=0.0)
         return summarize(self, f"{self._evaluations['report']}; condition of G up to {condition:.4g}")

@@ -24,8 +24,9 @@ from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
 from vlmb.model.quantities import QuantityTable
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import Equation, Expression
-from vlmb.scene.names import listed
+from vlmb.scene.names import PHASE_START, listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, UNDER, PhaseContacts
@@ -93,6 +94,12 @@ class CorePlan:
         parameters = np.array([float(numbers[name]) for name in self.table.parameters])
         rows = self.plant.rows._replace(grip=grip_of(contacts))
         return replace(self, plant=self.plant._replace(parameters=parameters, rows=rows), contacts=contacts)
+
+    def begun(self, t: float) -> CorePlan:
+        """Return this plan for a phase that began at a time [s]."""
+        parameters = np.array(self.plant.parameters)
+        parameters[[at for at, name in enumerate(self.table.parameters) if name == PHASE_START]] = t
+        return replace(self, plant=self.plant._replace(parameters=parameters))
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -167,7 +174,8 @@ def make_core_plan(
     """
     sliding = watching or run.knife_edge != "reduction"
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
-    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
+    numbers = numbers_of(scene)
+    table = QuantityTable(mechanism.names, arrays, tuple(numbers), mechanism.signals)
     works = {name: at for at, name in enumerate(work_names)}
     roots: list[Expression | Equation] = []
     laws, forces, acting = list[tuple[str, str]](), [], list[GeneralizedForce]()
@@ -221,7 +229,7 @@ def make_core_plan(
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=tape,
-        parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
+        parameters=np.array([float(numbers[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
         bound=np.array(bounds, float).reshape(-1, 2), rows=rows, sliding=np.array(friction if centre >= 0 else ()),
