@@ -44,7 +44,8 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
     contacts = tuple(msgspec.structs.replace(contact, name=contact.name or contact.point) for contact in tables.contacts)
     tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts)
     robots = [robot.name for robot in tables.robots]
-    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts, robots)
+    data_names, events = [entry.name for entry in tables.data], [event.name for event in tables.events]
+    check_names(tables.links, rows_of(tables), data_names, tables.contacts, robots, events)
     _check_tree(tables.links, robots)
     _check(tables, texts)
     return tables

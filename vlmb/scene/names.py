@@ -44,8 +44,9 @@ def why_not(name: str) -> str:
 
 
 def check_names(
-    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (), robots: Sequence[str] = ()
-) -> None:
+    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (),
+    robots: Sequence[str] = (), events: Sequence[str] = (),
+) -> None:  # fmt: skip
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 
     Rows without a name may repeat each other: they are the same equation.
@@ -78,6 +79,11 @@ def check_names(
         take(contact.name, f"contacts[{index}]", shown)
     for index, name in enumerate(robots):
         take(name, f"robots[{index}]", f"robots[{index}].name = {name!r}")
+    for index, name in enumerate(events):
+        shown, kind = f"events[{index}].name = {name!r}", kind_of(name)
+        if kind and name not in RESERVED:
+            raise SceneError(f"{shown}: this name is that of {kind}; choose another")
+        take(name, f"events[{index}]", shown)
     for row in (*rows.ideal, *rows.servo, *rows.secondary):
         if not row.named:
             continue

@@ -109,6 +109,8 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
         refuse("programme.u0", "with robots the posture takes what the rows leave free; drop u0 and border, or use secondary")
     if scene.programmes:
         refuse("programmes", "phases are there for scenes of links alone; a scene with robots has one [programme]")
+    if scene.events:
+        refuse("events", "events by name are there for scenes of links alone; read them of the trajectory")
     if scene.contacts:
         refuse("contacts", "contacts are there for scenes of links alone; weld a foot to the ground, or leave the robot out")
     if scene.run.engine == "core":

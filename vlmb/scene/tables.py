@@ -155,6 +155,15 @@ class Contact(Table, frozen=True, kw_only=True):
         return self.friction not in ("rough", 0.0)
 
 
+class UserEvent(Table, frozen=True, kw_only=True):
+    """Something to be looked for along a run, by name."""
+
+    name: Name
+    when: str  # an equation: it happens where left - right goes through 0
+    direction: Literal["down", "up", "both"] = "both"  # of left - right
+    end: bool = False  # whether it ends the run
+
+
 class Attach(Table, frozen=True, kw_only=True):
     """What a robot stands on, and how."""
 
@@ -282,5 +291,6 @@ class SceneTables(Table, frozen=True, kw_only=True):
     programme: Programme | None = None
     programmes: tuple[Programme, ...] = ()  # instead of `programme`: those that act at an instant are united
     contacts: tuple[Contact, ...] = ()
+    events: tuple[UserEvent, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

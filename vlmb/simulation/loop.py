@@ -22,6 +22,7 @@ from vlmb.core.driver import (
     NEXT_SAMPLE,
     OVER,
     PHASE,
+    SIDE,
     SLICE,
     SLICE_SIZE,
     STEPS,
@@ -44,7 +45,7 @@ from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passing
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, OPENS, SLIPS, SWITCH, Event
+from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, SWITCH, TOLD, Event
 
 Array = NDArray[np.float64]
 
@@ -88,6 +89,7 @@ class Loop:
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
         self.hit: Event | None = None  # of a contact, that ended a phase
+        self.happened: list[tuple[float, str, str]] = []  # time, kind and name of what is told
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
@@ -233,7 +235,12 @@ class Loop:
         driver.indicators[HIT] = 0.0
         driver.counts[ANSWER] = GO_ON
         for crossing in found:
-            if self._counts(crossing):
+            event = self.engine.events[crossing.indicator]
+            if event.kind == NAMED and crossing.t <= driver.real[TIME_BEFORE] and not driver.indicators[SIDE, crossing.indicator]:
+                continue  # it began on its 0, and has left it
+            if event.kind == NAMED and not event.sentence:
+                self.happened.append((crossing.t, TOLD[NAMED], event.name))
+            elif self._counts(crossing):
                 driver.indicators[HIT, crossing.indicator] = crossing.direction
                 driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
                 return
@@ -264,6 +271,8 @@ class Loop:
     def _after_stop(self, until: float) -> str | None:
         """Return the sentence of an event that ends the run, or a phase; a switch only begins a new step."""
         event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
+        if event.kind in TOLD:
+            self.happened.append((self.t, TOLD[event.kind], event.name))
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):

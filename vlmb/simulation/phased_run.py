@@ -141,6 +141,7 @@ class PhasedRun(Settling):
         recorded = loop.recorded
         self.steps += loop.steps
         self.evaluations += loop.evaluations
+        self.events += [Event(*happened) for happened in loop.happened]
         start = self.stretches[-1].end if self.stretches else loop.start
         if not told and len(recorded.t) and recorded.t[-1] not in self.times:
             recorded = Recorded(recorded.t[:-1], recorded.states[:-1])

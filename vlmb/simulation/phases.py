@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.system.contacts import CLOSED, SLIDING, ContactPoint, Footing
-from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
+from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOLD, TOUCHES
 
 Array = NDArray[np.float64]
 
-KINDS = (TOUCHES, OPENS, SLIPS, STICKS, BOUNCES)
+KINDS = (TOUCHES, OPENS, SLIPS, STICKS, BOUNCES, *TOLD.values())
 
 
 class Phase(NamedTuple):
@@ -28,8 +28,10 @@ class Phase(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something that happened at a time [s]: `kind` is touch (it stays closed), bounce (it leaves at once), open, slip or stick.
+    """Something that happened at a time [s].
 
+    kind : of a contact touch (it stays closed), bounce (it leaves at once), open, slip or stick; event, one of the scene; limit
+        and fall, which end a run; switch, of a law by the state; line_up, of two directions
     impulses : (3,) [N s] on the mechanism in the surface frame, by contact
     lost : [J] by the impact
     modes : what each contact does from now on: open, held or sliding

@@ -19,20 +19,24 @@ MOST = 1_000_000  # of either
 
 
 def phases_as_data(stretches: Sequence[Stretch], events: Sequence[Event]) -> dict[str, Any]:
-    """Return what a file keeps of phases and events."""
-    return {
-        "phases": [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches],
-        "events": [
+    """Return what a file keeps of phases and events; nothing of a run without any."""
+    found: dict[str, Any] = {}
+    if stretches:
+        found["phases"] = [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches]
+    if stretches or events:
+        found["events"] = [
             [e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes)]
             for e in events
-        ],
-    }
+        ]
+    return found
 
 
 def phases_from_data(data: Mapping[str, Any], names: Sequence[str], count: int) -> tuple[tuple[Stretch, ...], tuple[Event, ...]]:
     """Read phases and events of a run of `count` samples with contacts of these names. Raises ValueError, TypeError, KeyError."""
+    if not names:
+        data = {"phases": [], "events": data.get("events", [])}
     phases, events = data["phases"], data["events"]
-    if not (isinstance(phases, list) and isinstance(events, list) and 0 < len(phases) <= MOST and len(events) <= MOST):
+    if not (isinstance(phases, list) and isinstance(events, list) and bool(names) <= len(phases) <= MOST and len(events) <= MOST):
         raise ValueError("no lists")
     found, at = [], 0
     for start, end, footings, first, last, quiet in phases:
@@ -41,7 +45,7 @@ def phases_from_data(data: Mapping[str, Any], names: Sequence[str], count: int) 
         at = int(last)
         made = tuple(map(_footing, footings))
         found.append(Stretch(_number(start), _number(end), made, int(first), at, bool(quiet)))
-    if at != count:
+    if names and at != count:
         raise ValueError("phases do not cover all samples")
     return tuple(found), tuple(_event(entry, names) for entry in events)
 

@@ -29,6 +29,7 @@ from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phased_run import PhasedRun
+from vlmb.simulation.phases import Event
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.simulation.until import read_until
@@ -91,8 +92,8 @@ def simulate(
     engine : `auto`, `core` (compiled) or `pinocchio`
     max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
         cannot be looked at before, has one look in 1 / run.samples at least
-    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, or an
-        expression that falls through 0, "z_dot" at an apex
+    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, the name
+        of one of the scene's events, or an expression that falls through 0, "z_dot" at an apex
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
     watch : called while the run goes on with the samples since its last call: t (N,), Pinocchio's q (N, nq) and v (N, nv)
 
@@ -147,8 +148,8 @@ def _simulated(
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    asked, expression = read_until(mechanism, until)
-    system = dataclasses.replace(make_system(mechanism, run), until=expression)
+    asked, named, expression = read_until(mechanism, until)
+    system = dataclasses.replace(make_system(mechanism, run), until=expression, ends_at=named)
     return run_system(system, times, control, start, t0, progress, watch, asked)
 
 
@@ -222,7 +223,8 @@ def _trajectory(
     message: str, stats: dict[str, Any],
 ) -> Trajectory:  # fmt: skip
     if isinstance(loop, Loop):
-        return Trajectory.from_run(system, mover.name, samples_of(mover, loop.recorded), start, t0, status, message, stats)
+        events, taken = tuple(Event(*happened) for happened in loop.happened), samples_of(mover, loop.recorded)
+        return Trajectory.from_run(system, mover.name, taken, start, t0, status, message, stats, events=events)
     return Trajectory.from_run(
         system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events)
     )

@@ -12,6 +12,7 @@ from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
+from vlmb.system.events import HAPPENS
 
 Array = NDArray[np.float64]
 
@@ -92,6 +93,7 @@ def summarize(trajectory: Told, programme: str) -> str:
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
     lines += [f"  WARNING          {sentence}" for sentence in _off_the_ski(trajectory)]
     lines += _contacts(trajectory)
+    lines += _events(trajectory)
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
@@ -121,13 +123,23 @@ def _contacts(trajectory: Told) -> list[str]:
     return lines
 
 
+def _events(trajectory: Told) -> list[str]:
+    """Tell when the events of the scene happened."""
+    lines = []
+    for event in trajectory.scene.events:
+        times = [f"{each.t:.6g} s" for each in trajectory.events if (each.kind, each.name) == (HAPPENS, event.name)]
+        when = ", ".join(times[:SHOWN]) or "never"
+        lines.append(f"  event            {event.name}: {when}" + (f", ... ({len(times)})" if len(times) > SHOWN else ""))
+    return lines
+
+
 def _through_the_ground(trajectory: Told) -> list[str]:
     """Say where a free base that starts above z = 0 takes a point below it: nothing stops it there."""
     scene = trajectory.scene
     if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts:
         return []
     heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
-    above = min(float(values[0]) for values in heights.values())
+    above = min((float(values[0]) for values in heights.values()), default=-1.0)
     below = {name: np.flatnonzero(values < -UNDER) for name, values in heights.items()}
     first = min((int(found[0]), name) for name, found in below.items() if found.size) if any(map(len, below.values())) else None
     if above < -UNDER or max(float(values[0]) for values in heights.values()) <= UNDER or first is None:

@@ -75,7 +75,7 @@ class Trajectory(Remade, Displayed):
     t0: float = 0.0  # [s] of the start
     doubts: tuple[str, ...] = ()  # contradictions in what was recorded, in sentences
     stretches: tuple[Stretch, ...] = ()  # how contacts stood in each phase, and which samples it has
-    events: tuple[Event, ...] = ()  # of contacts, in order
+    events: tuple[Event, ...] = ()  # of contacts and of the scene, in order
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -297,8 +297,7 @@ class Trajectory(Remade, Displayed):
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
             "engine": self.engine, "t0": self.t0, "doubts": self.doubts,
         }  # fmt: skip
-        if self.stretches:
-            note |= phases_as_data(self.stretches, self.events)
+        note |= phases_as_data(self.stretches, self.events)
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def columns(self, points: bool = False, hinges: bool = False) -> Iterator[Column]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,11 +21,11 @@ from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
-from vlmb.model.quantities import QuantityTable
+from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.by_phase import numbers_of
-from vlmb.scene.expressions import Equation, Expression
+from vlmb.scene.expressions import Equation, Expression, fold, parse_equation
 from vlmb.scene.names import PHASE_START, listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
@@ -40,6 +40,7 @@ from vlmb.system.events import (
     FALLING,
     LIMIT,
     LINE_UP,
+    NAMED,
     OPENS,
     QUIET,
     REARMS,
@@ -57,6 +58,7 @@ from vlmb.system.programme import ProgrammePlan, control_channels, total_mass
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
+WAYS = {"down": FALLING, "up": RISING, "both": BOTH_WAYS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +161,7 @@ def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
     inputs: Sequence[str] | None, work_names: Sequence[str], constraints: ConstraintSet | None = None,
     programme: ProgrammePlan | None = None, watching: bool = False, contacts: PhaseContacts | None = None,
-    until: Expression | None = None,
+    until: Expression | None = None, ends_at: str = "",
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
@@ -205,6 +207,8 @@ def make_core_plan(
         roots += constraints.roots
     seen = len(roots)
     roots += [] if contacts is None else contacts.roots
+    named = len(roots)
+    roots += named_events(mechanism)
     roots += [] if until is None else [until]
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
@@ -218,10 +222,17 @@ def make_core_plan(
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
         tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
+    for k, event in enumerate(scene.events):
+        watch.append((core.SWITCH, len(tape.switch) + k))
+        bounds.append((1.0, 0.0))
+        ends = f"{event.name}: {event.when}" if event.end or event.name == ends_at else ""
+        events.append(Event(NAMED, WAYS[event.direction], event.name, ends))
+    if scene.events:
+        tape = _with_switches(tape, range(named, named + len(scene.events)))
     if until is not None:
         watch.append((core.SWITCH, len(tape.switch)))
         bounds.append((1.0, 0.0))
-        events.append(Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0))
+        events.append(Event(NAMED, FALLING, until.text, f"{until.text} fell through 0"))
         tape = _with_switches(tape, [len(roots) - 1])
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
@@ -240,6 +251,16 @@ def make_core_plan(
         mechanism, arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
         programme.names if programme is not None else (), programme, contacts, seen,
     )  # fmt: skip
+
+
+def named_events(mechanism: Mechanism) -> list[Expression]:
+    """Return the expressions, left - right, of the events of a scene. Raises ExpressionError."""
+    allowed, found = allowed_names(mechanism.names, numbers_of(mechanism.scene), mechanism.signals), list[Expression]()
+    for index, event in enumerate(mechanism.scene.events):
+        equation = parse_equation(event.when, f"events[{index}].when", allowed)
+        tree = fold("-", [equation.left.tree, equation.right.tree])
+        found.append(Expression(equation.text, equation.names, f"events[{index}].when", tree))
+    return found
 
 
 def _watch_contacts(
@@ -267,7 +288,7 @@ def _watch_contacts(
     return _with_switches(tape, [seen + 4 * k + 3 for k in range(len(contacts.points))])
 
 
-def _with_switches(tape: op.Tape, roots: Sequence[int]) -> op.Tape:
+def _with_switches(tape: op.Tape, roots: Iterable[int]) -> op.Tape:
     """Return a tape with more that is looked at after a step: the values of roots."""
     more = [[int(tape.root[root]), -1, op.EDGE, op.OF_STATE] for root in roots]
     return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(more, np.int64)]))

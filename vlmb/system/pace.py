@@ -76,5 +76,6 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
         laws = [law for matrix in matrices for row in matrix for law in row]
         laws += [law for law in (programme.u0, *programme.weights.values()) if law is not None]
         found += [parse(law, "programme") for law in laws]
+    found += [parse_equation(event.when, f"events[{k}].when") for k, event in enumerate(scene.events)]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]

@@ -64,6 +64,7 @@ class System:
     programme: ProgrammePlan | None
     contacts: PhaseContacts | None = None  # of a phase
     until: Expression | None = None  # a run ends where it falls through 0
+    ends_at: str = ""  # the event of the scene at which a run ends
     by_phase: tuple[Constraint, ...] = ()  # rows of programmes that act in some phases only
 
     def __repr__(self) -> str:
@@ -149,7 +150,7 @@ class System:
         made = self.with_scene(phase_scene(scene, self.points, footings, bare, began, closed))
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
         system = make_system(made, self.run, None if bare else self.forces.inputs)
-        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until)
+        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until, ends_at=self.ends_at)
 
     @property
     def size(self) -> int:
@@ -167,7 +168,7 @@ class System:
         """What the compiled core runs."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names,
-            self.constraints, self.programme, contacts=self.contacts, until=self.until,
+            self.constraints, self.programme, contacts=self.contacts, until=self.until, ends_at=self.ends_at,
         )  # fmt: skip
 
     @cached_property
@@ -175,7 +176,7 @@ class System:
         """What the core looks for where Pinocchio moves."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True, contacts=self.contacts,
-            until=self.until,
+            until=self.until, ends_at=self.ends_at,
         )  # fmt: skip
 
     @cached_property
