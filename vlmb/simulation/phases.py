@@ -35,6 +35,7 @@ class Event(NamedTuple):
     impulses : (3,) [N s] on the mechanism in the surface frame, by contact
     lost : [J] by the impact
     modes : what each contact does from now on: open, held or sliding
+    several : whether other modes were admissible too and moved otherwise; these are the most sticking ones
     """
 
     t: float
@@ -44,6 +45,7 @@ class Event(NamedTuple):
     impulses: Mapping[str, Array] = MappingProxyType({})
     lost: float = 0.0
     modes: Mapping[str, str] = MappingProxyType({})
+    several: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

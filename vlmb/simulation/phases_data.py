@@ -25,7 +25,7 @@ def phases_as_data(stretches: Sequence[Stretch], events: Sequence[Event]) -> dic
         found["phases"] = [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches]
     if stretches or events:
         found["events"] = [
-            [e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes)]
+            [e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes), e.several]
             for e in events
         ]
     return found
@@ -58,14 +58,15 @@ def _footing(entry: Sequence[Any]) -> Footing:
 
 
 def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:
-    t, kind, name, contacts, impulses, lost, modes = entry
+    t, kind, name, contacts, impulses, lost, modes, *several = entry  # older files do not say the last
     known = {name, *contacts, *impulses, *modes}
     if kind not in KINDS or not isinstance(name, str) or has_controls(name) or not known - {name} <= {*names}:
         raise ValueError(f"event {kind!r:.40} of {name!r:.40}")
     if not {*modes.values()} <= {*MODES}:
         raise ValueError("modes of an event")
     pushed = {n: read_only(np.array(_vector(p))) for n, p in impulses.items()}
-    return Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), MappingProxyType(dict(modes)))
+    shown = MappingProxyType(dict(modes))
+    return Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), shown, several == [True])
 
 
 def _vector(values: Sequence[Any]) -> tuple[float, float, float]:

@@ -42,6 +42,8 @@ class Outcome(NamedTuple):
 class Settling(ContactView):
     """Finds what follows."""
 
+    several = False  # whether other modes were admissible at the last event
+
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
         leaving: Mapping[int, Array],
@@ -50,7 +52,7 @@ class Settling(ContactView):
 
         opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones
         """
-        y, frames = self.y, {k: self._frame(k) for k in near}
+        y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
         found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
@@ -110,7 +112,7 @@ class Settling(ContactView):
         if kind == STICKS and after[first].state == SLIDING:
             kind = SLIPS  # it turns back at once
         involved = tuple(self.points[k].name for k in dict.fromkeys([first, *strikes, *changed]))
-        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), **told)
+        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), several=self.several, **told)
 
     def _impact(
         self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
@@ -126,6 +128,7 @@ class Settling(ContactView):
         answer = impact(matrix, v, shaped)
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
+        self.several = self.several or answer.several
         p = turn.T @ answer.p
         lost = float(-0.5 * answer.p @ (answer.v + v))
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
@@ -192,6 +195,7 @@ class Settling(ContactView):
         answer = modes(turn @ found.matrix @ turn.T, a, shaped)
         if isinstance(answer, Refusal):
             return {}, {}, self._why_not(answer, resting, "motion")
+        self.several = self.several or answer.several
         states, ways = {}, {}
         for at, (k, (_, across)) in enumerate(zip(resting, rows, strict=True)):
             if not answer.closed[at]:

@@ -116,6 +116,10 @@ def _contacts(trajectory: Told) -> list[str]:
         impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
         lines.append(f"  contact          {contact.name}: {pushed}; {when}")
+    times = [f"{event.t:.6g} s" for event in events if event.several]
+    if times:
+        when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
+        lines.append(f"  note             other modes of contacts were admissible, too, and the most sticking ones taken, at {when}")
     works = trajectory.work_by_force.items()
     taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
     if trajectory.scene.contacts:
