@@ -50,6 +50,9 @@ class Base(Table, frozen=True, kw_only=True):
     friction_on: Literal["normal", "resultant"] = "normal"  # what it goes by: the normal force, or with the edge force
     width: NonNegative = 0.0  # [m], ski: 0 is not looked at
     length: NonNegative = 0.0  # [m]
+    lift: bool = False  # ski: it may leave the snow, which only pushes
+    hold: Positive | None = None  # |edge force| <= hold * normal force; default: no limit
+    skid: NonNegative | None = None  # the ratio while it skids; default: hold
     drag_at: str = "com"  # whose velocity v is and where it takes it: "com", or a point such as legs.tip
 
 

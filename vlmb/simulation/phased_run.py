@@ -22,7 +22,7 @@ from vlmb.simulation.phases import Event, Stretch
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome, Settling
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -189,12 +189,13 @@ class PhasedRun(Settling):
         for point, jet, at in zip(self.points, jets, footings, strict=True):
             if at.state in CLOSED or (at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR and point.index != c):
                 near.append(point.index)
-        opening, leaving = set[int](), dict[int, Array]()
+        opening, leaving = set[int](), dict[int, tuple[int, Array]]()
         if hit.name == OPENS:
             weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
-            opening = {k for k, force in forces.items() if force[2] <= LIGHT * weight} | {c}
+            carry = [k for k in forces if footings[k].state != RESTING]
+            opening = {k for k in carry if forces[k][2] <= LIGHT * weight} | {c}
         elif hit.name == SLIPS:
-            leaving[c] = forces[c][:2]
+            leaving[c] = hit.part, forces[c][:2]
         return self._settled(hit, footings, sorted(set(near)), opening, leaving)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import has_controls
 from vlmb.simulation.phases import KINDS, Event, Stretch
-from vlmb.system.contacts import AWAY, HELD, OPEN, SLIDING, Footing
+from vlmb.system.contacts import AWAY, HELD, OPEN, RESTING, SLIDING, Footing
 
-STATES, MODES = (OPEN, AWAY, HELD, SLIDING), (OPEN, HELD, SLIDING)
+STATES, MODES = (OPEN, AWAY, HELD, SLIDING, RESTING), (OPEN, HELD, SLIDING)
 MOST = 1_000_000  # of either
 
 
@@ -25,7 +25,10 @@ def phases_as_data(stretches: Sequence[Stretch], events: Sequence[Event]) -> dic
         found["phases"] = [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches]
     if stretches or events:
         found["events"] = [
-            [e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes), e.several]
+            [
+                e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes),
+                e.several,
+            ]
             for e in events
         ]
     return found

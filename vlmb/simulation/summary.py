@@ -12,6 +12,7 @@ from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
+from vlmb.system.contacts import RESTING
 from vlmb.system.events import HAPPENS
 
 Array = NDArray[np.float64]
@@ -52,6 +53,8 @@ class Told(Protocol):
     def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
     @property
     def events(self) -> Sequence[Any]: ...  # noqa: D102
+    @property
+    def stretches(self) -> Sequence[Any]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def power(self, name: str) -> Array: ...  # noqa: D102
 
@@ -87,7 +90,7 @@ def summarize(trajectory: Told, programme: str) -> str:
         edge, normal = trajectory.reactions["knife_edge"], trajectory.reactions["normal"]
         lines.append(f"  edge force       up to {largest(edge):.4g} N")
         lines.append(f"  normal force     {np.fmin.reduce(normal):.4g} to {np.fmax.reduce(normal):.4g} N")
-        if np.fmin.reduce(normal) < 0.0:
+        if np.fmin.reduce(normal) < 0.0 and not trajectory.scene.base.lift:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
@@ -108,23 +111,32 @@ def summarize(trajectory: Told, programme: str) -> str:
 def _contacts(trajectory: Told) -> list[str]:
     """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
     lines, events = [], trajectory.events
+    if trajectory.scene.base.lift:
+        lines.append(f"  ski              {_when([event for event in events if 'ski' in event.contacts])}")
     for contact in trajectory.scene.contacts:
         own = [event for event in events if contact.name in event.contacts]
-        when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
-        when += f", ... ({len(own)})" if len(own) > SHOWN else ""
+        when = _when(own)
         force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
         impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
         lines.append(f"  contact          {contact.name}: {pushed}; {when}")
+    if any(footing.state == RESTING for stretch in trajectory.stretches for footing in stretch.footings):
+        lines.append("  note             contacts share a load: forces are the least admissible ones, their sum is determined")
     times = [f"{event.t:.6g} s" for event in events if event.several]
     if times:
         when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
-        lines.append(f"  note             other modes of contacts were admissible, too, and the most sticking ones taken, at {when}")
+        lines.append(f"  note             contacts had other admissible modes, too; the most sticking ones were taken at {when}")
     works = trajectory.work_by_force.items()
     taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
-    if trajectory.scene.contacts:
+    if trajectory.scene.contacts or trajectory.scene.base.lift:
         lines.append(f"  lost             {', '.join(f'{name} {-work:.4g} J' for name, work in taken.items())}")
     return lines
+
+
+def _when(events: Sequence[Any]) -> str:
+    """Tell when a contact changed: the first times."""
+    when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in events[:SHOWN]) or "no event"
+    return when + (f", ... ({len(events)})" if len(events) > SHOWN else "")
 
 
 def _events(trajectory: Told) -> list[str]:

@@ -7,6 +7,7 @@ import re
 from vlmb.errors import SceneError, nearest
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import allowed_names
+from vlmb.scene.by_phase import contact_names
 from vlmb.scene.expressions import Expression, parse
 from vlmb.system.events import OPENS, SLIPS, STICKS, TOUCHES
 
@@ -29,7 +30,7 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, str, Expre
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]
-    contacts = [contact.name for contact in mechanism.scene.contacts]
+    contacts = contact_names(mechanism.scene)
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:

@@ -27,12 +27,25 @@ from vlmb.scene.expressions import Expression, parse
 from vlmb.scene.names import PHASE_START
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import BASE, Contact, Force
+from vlmb.system.ski_contact import (
+    ALONG_ROW,
+    EDGE_ROW,
+    NORMAL_ROW,
+    STANDS,
+    Edge,
+    Heading,
+    contact_of,
+    edge_of,
+    ski_frame,
+    ski_rows,
+)
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 OPEN, AWAY, HELD, SLIDING = "open", "away", "held", "sliding"  # AWAY: open, and blind until its gap has been positive
-CLOSED = (HELD, SLIDING)
+RESTING = "resting"  # closed, and carries nothing: others hold it where it is
+CLOSED = (HELD, SLIDING, RESTING)
 UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
 STILL = 1e-9  # [m/s] a speed that counts as none
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
@@ -109,6 +122,7 @@ class ContactPoint:
     contact: Contact
     names: tuple[str, ...]  # of the point's x, y, z; "" where the plane has none
     surface: Surface = field(repr=False)
+    edge: Edge | None = None  # of a ski
 
     @property
     def name(self) -> str:
@@ -135,6 +149,16 @@ class ContactPoint:
         """Friction while it does not slip."""
         static = self.contact.friction_static
         return self.coefficient if static is None else float(static)
+
+    def slides(self, footing: Footing) -> bool:
+        """Whether it slides with friction."""
+        if self.edge is not None:
+            return footing.state in CLOSED and any(footing.towards)
+        return footing.state == SLIDING and self.contact.slips
+
+    def mode(self, footing: Footing) -> tuple[object, ...]:
+        """Return what of a footing the equations of a phase depend on, beside numbers."""
+        return (footing.state, footing.towards, footing.first) if self.edge is not None else (footing.state,)
 
     @property
     def moving(self) -> bool:
@@ -179,6 +203,9 @@ def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
         if scene.plane and "y" in surface.names:
             raise SceneError(f"{key}.surface = {contact.surface!r}: names y, which a scene in the plane has not")
         found.append(ContactPoint(index, contact, parts, Surface(surface, scene.parameters)))
+    if scene.base.lift:
+        edge, surface = edge_of(scene.base), parse("z", "base.lift")
+        found.append(ContactPoint(len(found), contact_of(edge), tuple(AXES), Surface(surface, scene.parameters), edge))
     return tuple(found)
 
 
@@ -188,8 +215,13 @@ def gap_text(point: ContactPoint) -> str:
     return re.sub(r"(?<![\w.])([xyz])(?![\w.(])", lambda found: named[found[1]], point.contact.surface)
 
 
-def row_texts(point: ContactPoint, state: str) -> tuple[str, ...]:
+def row_texts(point: ContactPoint, footing: Footing) -> tuple[str, ...]:
     """Return the equations that a closed contact adds: its surface first, then what holds it across."""
+    state = footing.state
+    if point.edge is not None:
+        return tuple((EDGE_ROW, ALONG_ROW, NORMAL_ROW)[row] for row in ski_rows(state == HELD, footing.first))
+    if state == RESTING:
+        return ()
     texts = [f"{gap_text(point)} = 0"]
     if state != HELD:
         return tuple(texts)
@@ -211,6 +243,9 @@ def row_texts(point: ContactPoint, state: str) -> tuple[str, ...]:
 
 def footing_at(point: ContactPoint, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO) -> Footing:
     """Return the footing of a contact that closes, or goes on, at a place [m]."""
+    if point.edge is not None:
+        stands = STANDS if point.edge.friction > 0.0 and not towards[0] else ZERO
+        return Footing(state, (float(place[0]), float(place[1]), float(place[2])), stands, ZERO, t, 0.0, towards)
     frame, _ = point.frame(t, place, plane)
     plain = PLAIN.get(point.contact.surface.strip())
     if plain is not None:  # as its rows have them
@@ -224,7 +259,7 @@ def footing_at(point: ContactPoint, state: str, t: float, place: Array, plane: b
 def numbers_of(point: ContactPoint, footing: Footing) -> dict[str, float]:
     """Return the parameters of a contact's equations in a phase."""
     found = {point.parameter("gap"): footing.gap}
-    if footing.state == HELD:
+    if footing.state == HELD and point.edge is None:
         found |= {point.parameter("t"): footing.since}
         for axis, name in enumerate(AXES):
             found |= {point.parameter(name): footing.place[axis], point.parameter("a" + name): footing.first[axis]}
@@ -232,8 +267,12 @@ def numbers_of(point: ContactPoint, footing: Footing) -> dict[str, float]:
     return found
 
 
-def row_vectors(point: ContactPoint, footing: Footing, slope: Array) -> Array:
-    """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order."""
+def row_vectors(point: ContactPoint, footing: Footing, slope: Array, h: Heading = (1.0, 0.0)) -> Array:
+    """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order; h of a ski."""
+    if point.edge is not None:
+        return ski_frame(h)[ski_rows(footing.state == HELD, footing.first)]
+    if footing.state == RESTING:
+        return np.zeros((0, 3))
     if footing.state != HELD:
         return slope[None]
     across = [footing.first, footing.second][: 1 + all(point.names)]
@@ -256,7 +295,7 @@ def phase_scene(
     """
     closed = closed_names(points, footings) if closed is None else closed
     made: Scene = msgspec.Struct.__copy__(scene)  # type: ignore[attr-defined]
-    rows = [text for point, at in zip(points, footings, strict=True) if at.state in CLOSED for text in row_texts(point, at.state)]
+    rows = [text for point, at in zip(points, footings, strict=True) if at.state in CLOSED for text in row_texts(point, at)]
     numbers = {name: value for pair in zip(points, footings, strict=True) for name, value in numbers_of(*pair).items()}
     changes: dict[str, object] = {
         "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers, PHASE_START: began},
@@ -295,7 +334,7 @@ class PhaseContacts:
         found, at = [], self.own
         for point, footing in zip(self.points, self.footings, strict=True):
             if footing.state in CLOSED:
-                count = len(row_texts(point, footing.state))
+                count = len(row_texts(point, footing))
                 found.append((point, footing, at, count))
                 at += count
         return found
@@ -321,6 +360,6 @@ class PhaseContacts:
         return {
             text: f"surface {point.name}"
             for point, footing, _, _ in self.closed
-            for text in row_texts(point, footing.state)
+            for text in row_texts(point, footing)
             if point.moving
         }
