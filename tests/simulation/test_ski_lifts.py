@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -135,6 +137,25 @@ def test_a_ski_jumps_by_its_legs(engine, tmp_path):
     flying = (run.t > t + 1e-9) & (run.t < lands.t)
     assert "ski              open 0.1" in run.summary() and np.all(run.reactions["normal"][flying] == 0.0)
     assert np.all(again.reactions["roll_moment"][flying] == 0.0)
+
+
+def test_what_else_sees_a_ski_that_lifts():
+    run = vlmb.simulate("ski_jump", duration=1.7)
+    again = pickle.loads(pickle.dumps(run))  # noqa: S301
+    assert again.phases == run.phases and again.events[0].modes == run.events[0].modes
+    assert again.events[2].impulses["ski"] == pytest.approx(run.events[2].impulses["ski"], abs=0.0)
+    for draw in (vlmb.plots.residuals, vlmb.plots.reactions, vlmb.plots.deviations):
+        assert draw(run).axes
+    posture = {"x": 0.0, "y": 0.0, "z": 1.0, "phi0": 0.0, "phi1": 0.0, "psi1": 1.4}
+    free = vlmb.accelerations(run.scene, posture)
+    assert free["z"] < 0.0 and free["x"] == pytest.approx(G * np.sin(0.3), rel=0.2)
+    with pytest.raises(vlmb.SceneError, match="contacts: ski touch here"):
+        vlmb.accelerations(run.scene, {**posture, "z": 0.0})
+    with pytest.raises(vlmb.SceneError, match="lift = false"):
+        vlmb.equations_of_motion(run.mechanism, posture)
+    with pytest.raises(vlmb.VlmbError, match="lift = false"):
+        vlmb.linearize(ski({"speed": 1.0}), {"x": 0.0, "y": 0.0, "z": 0.0, "phi0": 0.0}, {})
+    assert any("leaves the snow" in note for note in vlmb.check(run.scene).notes)
 
 
 def test_what_a_ski_in_the_air_cannot_take_is_named():

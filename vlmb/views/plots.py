@@ -113,7 +113,8 @@ def residuals(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     figure = stacked(runs, "Constraint residuals", panels, labels, by_link=False, legends_above=True)
     for ax in figure.axes:
         values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
-        low, high = float(values.min()), float(values.max())
+        values = values[np.isfinite(values)]  # rows of a programme are none while it does not act
+        low, high = (float(values.min()), float(values.max())) if values.size else (ZERO, ZERO)
         decades(ax, low, high)
         if low == ZERO:
             ax.axhline(ZERO, color="#bbbbbb", linewidth=0.8, zorder=0.5)
