@@ -18,6 +18,7 @@ from vlmb.errors import SceneError, nearest
 from vlmb.scene.contacts import check_contact
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
+from vlmb.scene.legs import check_leg
 from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
@@ -41,9 +42,11 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
         data = {**data, "data": take_in(data["data"], Path())}
     tables, texts = _converted(_plain(dict(data), None))
     contacts = tuple(msgspec.structs.replace(contact, name=contact.name or contact.point) for contact in tables.contacts)
-    tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts)
+    legs = tuple(msgspec.structs.replace(leg, name=leg.name or f"leg{k + 1}") for k, leg in enumerate(tables.legs))
+    tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts, legs=legs)
     robots = [robot.name for robot in tables.robots]
-    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts, robots)
+    legged = [leg.name for leg in legs]
+    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts, robots, legged)
     _check_tree(tables.links, robots)
     _check(tables, texts)
     return tables
@@ -213,6 +216,8 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         _check_spring(spring, f"springs[{index}]", refuse)
     for index, contact in enumerate(scene.contacts):
         check_contact(scene, contact, f"contacts[{index}]", refuse)
+    for index, leg in enumerate(scene.legs):
+        check_leg(scene, leg, f"legs[{index}]", refuse)
 
 
 def _check_force(force: Force, key: str, refuse: Any) -> None:

@@ -107,6 +107,8 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
             refuse(f"forces[{index}]", "springs between two directions are not there in scenes with robots; use [[springs]]")
     if programme is not None and (programme.u0 is not None or programme.border):
         refuse("programme.u0", "with robots the posture takes what the rows leave free; drop u0 and border, or use secondary")
+    if scene.legs:
+        refuse("legs", "massless legs are there for scenes of links alone; take the robot's own")
     if scene.contacts:
         refuse("contacts", "contacts are there for scenes of links alone; weld a foot to the ground, or leave the robot out")
     if scene.run.engine == "core":

@@ -153,6 +153,26 @@ class Contact(Table, frozen=True, kw_only=True):
         return self.friction not in ("rough", 0.0)
 
 
+class Leg(Table, frozen=True, kw_only=True):
+    """A massless leg: nothing while it swings, a force along foot -> point while it stands on z = 0. It pushes, and never pulls."""
+
+    from_: str = msgspec.field(name="from")  # legs.tip; "base" is the first hinge of a free base
+    name: Name = ""
+    length: Positive | None = None  # [m] at rest
+    stiffness: NonNegative = 0.0  # [N/m]
+    damping: NonNegative = 0.0  # [N s/m]
+    law: Law | None = None  # [m], of t and parameters, instead of stiffness: its length while it stands
+    attack: Law | None = None  # [rad] elevation of foot -> point while it swings, of t and parameters; default: it never lands
+    heading: Law = 0.0  # [rad] azimuth of the foot from the point while it swings
+    friction: Positive | Literal["rough"] = "rough"  # a force outside the cone: it lets go
+    foot: tuple[float, float] | None = None  # [m] x and y: it stands at the start; default: it swings
+
+    @property
+    def reach(self) -> Law:
+        """What its length [m] is while it swings: that at rest, or the law's."""
+        return self.law if self.law is not None else self.length or 0.0
+
+
 class Attach(Table, frozen=True, kw_only=True):
     """What a robot stands on, and how."""
 
@@ -277,5 +297,6 @@ class SceneTables(Table, frozen=True, kw_only=True):
     edges: tuple[Edge, ...] = ()
     programme: Programme | None = None
     contacts: tuple[Contact, ...] = ()
+    legs: tuple[Leg, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone

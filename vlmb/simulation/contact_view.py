@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from vlmb.scene.contacts import condition_of
 from vlmb.scene.expressions import evaluate
 from vlmb.simulation.motion import Motion
-from vlmb.system.contacts import CLOSED, ContactLook, ContactPoint, Footing, row_vectors
+from vlmb.system.contacts import CLOSED, STANDING, ContactLook, ContactPoint, Footing
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView
+from vlmb.system.legs import LegPoint
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.probe import Answers, Probe
 from vlmb.system.system import System
@@ -48,26 +49,42 @@ class ContactView:
         self.system, self.points, self.control = system, system.points, control
         self.t, self.y, self.branch = start, np.array(y), list(branch)
         self.systems = PhaseSystems(system, system.engine)
-        self.impulses, self.forces = Probe(system, system.engine, bare=True), Probe(system, system.engine, bare=False)
+        self.impulses = Probe(system, system.engine, bare=True)
+        self.probes: dict[tuple[str, ...], Probe] = {}  # with forces, by the legs that stand
+        self.standing: tuple[Footing, ...] = tuple(Footing() for _ in self.points)  # how they stand, while it is looked at
         self.works, self.plane = len(system.work_names), system.mechanism.scene.plane
         self.conditions = [
             condition_of(p.contact.when, f"contacts[{p.index}].when") if p.contact.when else None for p in self.points
         ]
-        self.known: dict[tuple[bool, float, bytes], Answers] = {}  # the last ones
+        self.known: dict[tuple[bool, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones
         self.mover: Engine | None = None  # of the phase under way
+
+    @property
+    def forces(self) -> Probe:
+        """What forces do, with the legs that stand."""
+        sprung = tuple(at.state if at.state == STANDING else "" for at in self.standing)
+        if sprung not in self.probes or (any(sprung) and self.system.engine != "core"):
+            self.probes[sprung] = Probe(self.system, self.system.engine, False, self.standing)
+        elif any(sprung):
+            self.probes[sprung].place(self.standing)
+        return self.probes[sprung]
 
     def _mover(self, footings: Sequence[Footing]) -> Engine:
         return make_engine(self.systems.of(footings), self.branch, self.control)
 
     def _probe(self, probe: Probe, y: Array) -> Answers:
-        key = probe.bare, self.t, y.tobytes()
+        key = probe.bare, self.t, y.tobytes(), self.standing
         if key not in self.known:
             given: Sequence[float] = ()
             if probe.given:
                 mover = self.mover or self._mover([Footing()] * len(self.points))
                 given = mover.inputs_at(self.t, y)
             self.known = dict([*self.known.items()][-3:])
-            self.known[key] = probe.at(self.t, y, self._branch_at(y), self.works, given)
+            found = probe.at(self.t, y, self._branch_at(y), self.works, given)
+            for point, footing in zip(self.points, self.standing, strict=True):
+                if isinstance(point, LegPoint) and point.closed(footing):
+                    found.jets[point.index, 3] = point.gap_jet(self.t, found.jets[point.index], footing)
+            self.known[key] = found
         return self.known[key]
 
     def _branch_at(self, y: Array) -> list[float]:
@@ -78,7 +95,7 @@ class ContactView:
     def _frame(self, k: int) -> Array:
         """Return the rows across the surface and its normal, (3, 3) or (2, 3) in the plane, where a contact is."""
         place = self._probe(self.impulses, self.y).jets[k, :3, 0]
-        frame, _ = self.points[k].frame(self.t, place, self.plane)
+        frame, _ = self.points[k].frame(self.t, place, self.plane, self.standing[k])
         return frame[[0, 2]] if self.plane else frame
 
     def _gap(self, point: ContactPoint, jet: Array) -> float:
@@ -86,7 +103,7 @@ class ContactView:
         return float(jet[3, 0]) / self._size(point, jet)
 
     def _size(self, point: ContactPoint, jet: Array) -> float:
-        return point.frame(self.t, jet[:3, 0], self.plane)[1]
+        return point.frame(self.t, jet[:3, 0], self.plane, self.standing[point.index])[1]
 
     def _local(self, jet: Array, k: int, frame: Array, order: int = 1) -> Array:
         """Return velocity (order 1) or acceleration (2) of a contact over its surface, across it and away from it."""
@@ -102,8 +119,7 @@ class ContactView:
         for point, footing in zip(self.points, footings, strict=True):
             if footing.state in CLOSED:
                 place = look.jets[point.index, :3, 0]
-                slope = point.surface.at(self.t, place)[1]
-                rows = row_vectors(point, footing, slope)
+                rows = point.row_vectors(footing, point.slope(self.t, place, footing))
                 force = look.multipliers[at : at + len(rows)] @ rows
                 at += len(rows)
                 local = self._frame(point.index) @ force

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures
-from vlmb.scene.tables import BASE
 from vlmb.simulation.histories import forces_along
 from vlmb.simulation.phases import Stretch
-from vlmb.system.contacts import CLOSED, ContactPoint, row_texts
-from vlmb.system.slips import force_of
+from vlmb.system.contacts import CLOSED, STANDING
+from vlmb.system.legs import LegPoint
+from vlmb.system.slips import force_of, motion_of
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -42,8 +42,12 @@ def _in_phase(
     reactions, texts = dict(found["reactions"]), set[str]()
     for point, footing in zip(system.points, stretch.footings, strict=True):
         forces = np.zeros((len(taken[0]), 3))
-        if footing.state in CLOSED:
-            rows = row_texts(point, footing.state)
+        if isinstance(point, LegPoint) and footing.state == STANDING:
+            places, speeds = (values[own] for values in motion_of(point, seen))
+            for i in range(len(forces)):
+                forces[i] = point.pushes(places[i], speeds[i], footing) * point.slope(0.0, places[i], footing)
+        elif footing.state in CLOSED:
+            rows = point.row_texts(footing)
             texts |= {*rows}
             multipliers = np.column_stack([reactions[text] for text in rows])
             places, speeds = (values[own] for values in motion_of(point, seen))
@@ -53,15 +57,6 @@ def _in_phase(
     kept = {name: values for name, values in found["residuals"].items() if name not in texts}
     shown = {name: values for name, values in reactions.items() if name not in texts}
     return found | {"reactions": shown, "residuals": kept}
-
-
-def motion_of(point: ContactPoint, seen: Postures) -> tuple[Array, Array]:
-    """Return places and velocities (N, 3) of a contact's point."""
-    if point.contact.point == BASE:
-        return seen.place, seen.velocity_of_place
-    link, _, which = point.contact.point.partition(".")
-    at = [entry.name for entry in seen.layout.links].index(link)
-    return seen.position(at, which), seen.velocity(at, which)
 
 
 def _joined(parts: Sequence[Any]) -> Any:

@@ -17,7 +17,7 @@ from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
 from vlmb.system.cone import Contact, Grip, Refusal, impact, modes
-from vlmb.system.contacts import AWAY, CLOSED, HELD, OPEN, SLIDING, STILL, Footing, footing_at
+from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
@@ -42,17 +42,21 @@ class Settling(ContactView):
 
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
-        leaving: Mapping[int, Array],
+        leaving: Mapping[int, Array], landing: Collection[int] = (), before: Sequence[Footing] | None = None,
     ) -> Outcome:  # fmt: skip
         """Return what follows for the contacts that are closed or touch: an impact where one approaches, then their modes.
 
-        opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones
+        opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones; landing: legs with
+        a law, which are closed in `footings`; before: how contacts stood before legs landed or let go
         """
+        self.standing, before = footings, footings if before is None else before
         y, frames = self.y, {k: self._frame(k) for k in near}
         found = self._probe(self.impulses, y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
-        strikes = [k for k in near if footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired)]
+        strikes = [
+            k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
+        ]
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
@@ -72,21 +76,27 @@ class Settling(ContactView):
             state, place = states.get(k, OPEN), found.jets[k, :3, 0]
             if state == OPEN:
                 gap = float(found.jets[k, 3, 0])
-                after[k] = Footing(gap=min(gap, 0.0)) if at.state in CLOSED or k in strikes or k in taking else at
+                after[k] = point.let_go(gap, at) if at.state in CLOSED or k in strikes or k in taking else at
             elif state == HELD and at.state == HELD:
                 after[k] = at
             else:
                 ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
-                after[k] = footing_at(point, state, self.t, place, self.plane, (ahead, aside, up))
-        event = self._event(hit, footings, after, strikes, told)
-        return Outcome(tuple(after), y, event, "", self._happened(footings, after, strikes))
+                after[k] = point.footing_at(state, self.t, place, self.plane, (ahead, aside, up), at)
+        event = self._event(hit, before, after, strikes, told)
+        return Outcome(tuple(after), y, event, "", self._happened(hit, before, after, strikes))
 
-    def _happened(self, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]) -> frozenset[str]:
+    def _happened(
+        self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]
+    ) -> frozenset[str]:
         """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
         found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
         for point, one, other in zip(self.points, before, after, strict=True):
-            if one.state in CLOSED and other.state == OPEN:
+            if point.closed(one) and not point.closed(other):
                 found.add(f"{OPENS} {point.name}")
+                if hit is not None and hit.name == SLIPS and hit.which == point.index:  # a leg that leaves its cone
+                    found.add(f"{SLIPS} {point.name}")
+            elif point.closed(other) and not point.closed(one):
+                found.add(f"{TOUCHES} {point.name}")
             elif (one.state, other.state) in ((HELD, SLIDING), (SLIDING, HELD)):
                 found.add(f"{SLIPS if other.state == SLIDING else STICKS} {point.name}")
         return frozenset(found)
@@ -98,8 +108,7 @@ class Settling(ContactView):
         """Return what is told of an event; nothing at a start without an impact."""
         if hit is None and not strikes:
             return None
-        shown = {OPEN: "open", AWAY: "open", HELD: "held", SLIDING: "sliding"}
-        mode = {point.name: shown[at.state] for point, at in zip(self.points, after, strict=True)}
+        mode = {point.name: point.shown(at) for point, at in zip(self.points, after, strict=True)}
         changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if one.state != other.state]
         first = strikes[0] if hit is None else hit.which
         kind = TOUCHES if strikes else OPENS if hit is None else hit.name
@@ -129,7 +138,10 @@ class Settling(ContactView):
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
         if lost < -GAIN * scale:
             names = listed([self.points[k].name for k in taking])
-            why = "with friction, different restitutions of contacts that meet at once do not go together; give them the same one"
+            why = (
+                "with friction, restitution may give back more than there was, with one value for all contacts too (Kane's paradox); "
+                "take a smaller restitution, or less friction"
+            )
             return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
         y = np.array(self.y)
         y[len(y) - len(found.moved) :] += found.moved @ p
@@ -139,7 +151,7 @@ class Settling(ContactView):
             if self.points[k].moving:
                 force, jet = p[3 * k : 3 * k + 3], found.jets[k]
                 carried = jet[:3, 1] - frames[k].T @ before[k]
-                y[first + works.index(f"surface {self.points[k].name}")] += float(force @ carried)
+                y[first + works.index(self.points[k].carried)] += float(force @ carried)
         named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
         return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
 

@@ -106,17 +106,18 @@ def summarize(trajectory: Told, programme: str) -> str:
 def _contacts(trajectory: Told) -> list[str]:
     """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
     lines, events = [], trajectory.events
-    for contact in trajectory.scene.contacts:
+    scene, legs = trajectory.scene, {leg.name for leg in trajectory.scene.legs}
+    for contact in (*scene.contacts, *scene.legs):
         own = [event for event in events if contact.name in event.contacts]
         when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
         when += f", ... ({len(own)})" if len(own) > SHOWN else ""
         force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
         impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
-        lines.append(f"  contact          {contact.name}: {pushed}; {when}")
+        lines.append(f"  {'leg    ' if contact.name in legs else 'contact'}          {contact.name}: {pushed}; {when}")
     works = trajectory.work_by_force.items()
     taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
-    if trajectory.scene.contacts:
+    if scene.contacts or scene.legs:
         lines.append(f"  lost             {', '.join(f'{name} {-work:.4g} J' for name, work in taken.items())}")
     return lines
 
@@ -124,7 +125,9 @@ def _contacts(trajectory: Told) -> list[str]:
 def _through_the_ground(trajectory: Told) -> list[str]:
     """Say where a free base that starts above z = 0 takes a point below it: nothing stops it there."""
     scene = trajectory.scene
-    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts:
+    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts or scene.legs:
+        return []
+    if not scene.links:
         return []
     heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
     above = min(float(values[0]) for values in heights.values())

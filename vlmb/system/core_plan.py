@@ -28,7 +28,7 @@ from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, UNDER, PhaseContacts
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STANDING, STILL, UNDER, Look, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
 from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
@@ -196,7 +196,8 @@ def make_core_plan(
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
     seen = len(roots)
-    roots += [] if contacts is None else contacts.roots
+    looks = [] if contacts is None else contacts.looks
+    roots += [] if contacts is None else [*contacts.roots, *(look.expression for look in looks)]
     roots += [] if until is None else [until]
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
@@ -209,7 +210,7 @@ def make_core_plan(
     tape = compiled.tape
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
-        tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
+        tape = _watch_contacts(contacts, looks, compiled, seen, light, watch, bounds, events)
     if until is not None:
         watch.append((core.SWITCH, len(tape.switch)))
         bounds.append((1.0, 0.0))
@@ -235,28 +236,34 @@ def make_core_plan(
 
 
 def _watch_contacts(
-    contacts: PhaseContacts, compiled: CompiledTape, seen: int, light: float, watch: list[tuple[int, int]],
-    bounds: list[tuple[float, float]], events: list[Event],
+    contacts: PhaseContacts, looks: Sequence[Look], compiled: CompiledTape, seen: int, light: float,
+    watch: list[tuple[int, int]], bounds: list[tuple[float, float]], events: list[Event],
 ) -> op.Tape:  # fmt: skip
     """Add the indicators of contacts, and return the tape with their gaps among what is looked at after a step."""
     tape, closed = compiled.tape, 0
     first = len(tape.switch)
     for k, (point, footing) in enumerate(zip(contacts.points, contacts.footings, strict=True)):
         if footing.state in CLOSED:
-            looks = [(core.HOLDS, OPENS)]
+            forms = [(core.HOLDS, OPENS)]
             if point.contact.slips:
-                looks.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
-            for form, kind in looks:
+                forms.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
+            for form, kind in forms:
                 watch.append((form, closed))
                 events.append(Event(CONTACT, FALLING, kind, "", k, STILL if kind == STICKS else light))
             closed += 1
-        else:
+        elif footing.state != STANDING and point.lands:
             armed = footing.state == OPEN
             watch.append((core.SWITCH, first + k))
             name = TOUCHES if armed else REARMS
             events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, UNDER if armed else 0.0))
-        bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
-    return _with_switches(tape, [seen + 4 * k + 3 for k in range(len(contacts.points))])
+    gaps = [seen + 4 * k + 3 for k in range(len(contacts.points))]
+    first += len(gaps)
+    for k, look in enumerate(looks):
+        watch.append((core.SWITCH, first + k))
+        events.append(look.event)
+    bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
+    after = seen + 4 * len(gaps)
+    return _with_switches(tape, [*gaps, *range(after, after + len(looks))])
 
 
 def _with_switches(tape: op.Tape, roots: Sequence[int]) -> op.Tape:

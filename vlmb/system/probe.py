@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vlmb.model.names import AXES
 from vlmb.scene.tables import BASE
-from vlmb.system.contacts import Footing, PhaseContacts
+from vlmb.system.contacts import STANDING, Footing, PhaseContacts
 from vlmb.system.engines import make_engine
 from vlmb.system.programme import total_mass
 from vlmb.system.system import System
@@ -32,10 +32,10 @@ class Answers(NamedTuple):
 
 
 class Probe:
-    """The contacts of a system, all open; `bare` without forces and a programme."""
+    """The contacts of a system, all open but legs whose springs push; `bare` without forces and a programme."""
 
-    def __init__(self, system: System, engine: str, bare: bool) -> None:
-        open_ = system.phase([Footing()] * len(system.points), bare)
+    def __init__(self, system: System, engine: str, bare: bool, footings: Sequence[Footing] | None = None) -> None:
+        open_ = system.phase(unheld(footings) if footings else [Footing()] * len(system.points), bare)
         given = () if bare else system.forces.inputs or ()
         forces = [
             (3 * point.index + axis, f"F_{AXES[axis]}" if point.contact.point == BASE else f"R_{name}")
@@ -53,6 +53,10 @@ class Probe:
         self.columns = [(column, names.index(name)) for column, name in forces]
         self.push = total_mass(system.mechanism) * (system.mechanism.scene.gravity or 1.0) or 1.0
         self.room = len(works)
+
+    def place(self, footings: Sequence[Footing]) -> None:
+        """Take the same legs to stand elsewhere."""
+        self.system = self.system.placed(unheld(footings))
 
     def at(self, t: float, y: Array, branch: Sequence[float], works: int, given: Sequence[float]) -> Answers:
         """Answer at a state y of the run, which has `works` work states, under forces `given` (S,) from outside."""
@@ -74,3 +78,8 @@ class Probe:
             change = (found.rates - free.rates) / self.push
             moved[:, column] = np.concatenate([change[first], change[first.stop + own :]])
         return Answers(free.jets, matrix, moved)
+
+
+def unheld(footings: Sequence[Footing]) -> tuple[Footing, ...]:
+    """Return how contacts stand with none held by rows."""
+    return tuple(at if at.state == STANDING else Footing(place=at.place) for at in footings)

@@ -34,6 +34,7 @@ from vlmb.system.forces import AppliedForces, Control, ForceWriter, applied_forc
 from vlmb.system.frames import LinkFrames
 from vlmb.system.friction import SkiFriction
 from vlmb.system.gains import require_decay
+from vlmb.system.legs import leg_points
 from vlmb.system.point_forces import is_named, outer_forces
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
@@ -140,8 +141,8 @@ class System:
 
     @cached_property
     def points(self) -> tuple[ContactPoint, ...]:
-        """The contacts of the scene."""
-        return contact_points(self.mechanism)
+        """The contacts of the scene, then its legs."""
+        return (*contact_points(self.mechanism), *leg_points(self.mechanism))
 
     def placed(self, footings: Sequence[Footing]) -> System:
         """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""

@@ -1,0 +1,168 @@
+"""Massless legs of a system: points that may stand on a foothold, with a spring that pushes or a length that a law gives.
+
+A leg with a spring is a force of the phase's scene while it stands; one with a law is a smooth contact of its point with the
+sphere around its foot, whose normal force is the leg's. Neither has a state while it swings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlmb.model.laws import Law, time_law
+from vlmb.model.mechanism import Mechanism
+from vlmb.model.names import AXES
+from vlmb.scene.expressions import parse
+from vlmb.scene.legs import Standing, index_of, place_names, reach_text, swing_gap_text
+from vlmb.scene.tables import BASE, Contact, Leg
+from vlmb.system.contacts import HELD, LIGHT, OPEN, SLIDING, STANDING, ZERO, ContactPoint, Footing, Look, Surface, Vector
+from vlmb.system.events import CONTACT, FALLING, LETS_GO, LIMIT, TIPS, Event
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LegPoint(ContactPoint):
+    """One leg of a mechanism."""
+
+    leg: Leg
+    plane: bool
+    reach: Law = field(repr=False)  # its length while it swings
+    attack: Law = field(repr=False)
+    heading: Law = field(repr=False)
+
+    @property
+    def sprung(self) -> bool:
+        """Whether a spring pushes, not a law."""
+        return self.leg.law is None
+
+    @property
+    def lands(self) -> bool:
+        """Whether it comes down again."""
+        return self.leg.attack is not None
+
+    @property
+    def moving(self) -> bool:
+        """Whether its length may do work on its own."""
+        return not self.sprung and "t" in self.reach.expression.names
+
+    @property
+    def carried(self) -> str:
+        """Name of the work state of what its law does."""
+        return f"leg {self.name}"
+
+    @property
+    def standing(self) -> Standing:
+        """Its texts, with the foot at a phase's parameters."""
+        x, y, z = (self.parameter(axis) for axis in AXES)
+        return Standing(self.leg, self.plane, (x, y, z))
+
+    def closed(self, footing: Footing) -> bool:
+        """Whether it stands."""
+        return footing.state in (SLIDING, STANDING)
+
+    def shown(self, footing: Footing) -> str:
+        """Return how it stands, as events tell it: held or open."""
+        return HELD if self.closed(footing) else OPEN
+
+    def slope(self, t: float, place: Array, footing: Footing) -> Array:
+        """Return the unit vector (3,) from its foot to its point at a place."""
+        away = np.asarray(place) - np.array(footing.place)
+        return away / max(float(np.linalg.norm(away)), 1e-300)
+
+    def gap_text(self, footing: Footing) -> str:
+        """Return what is 0 where it lands, and, while a law holds its length, what that keeps at 0."""
+        if not self.closed(footing):
+            return swing_gap_text(self.leg, self.plane)
+        return f"{self.standing.length} - {reach_text(self.leg)}"
+
+    def row_texts(self, footing: Footing) -> tuple[str, ...]:
+        """Return the equation of its law while it stands."""
+        return (f"{self.gap_text(footing)} = 0",) if footing.state == SLIDING else ()
+
+    def looks(self, footing: Footing) -> tuple[Look, ...]:
+        """Return what is looked at: that it has a length, that its force is in the cone of friction, that its spring pushes."""
+        found, leg = list[Look](), self.leg
+        name = f"the leg {self.name!r}"
+        if not self.sprung:
+            short = Event(LIMIT, FALLING, self.name, f"the law of {name} makes it shorter than 0", slack=0.0)
+            found.append(Look(parse(reach_text(leg), "legs"), short))
+        if self.closed(footing):
+            down = f"the point of {name} came down to its foot: no leg is shorter than 0; take a stiffer one"
+            found.append(Look(parse(self.standing.height, "legs"), Event(LIMIT, FALLING, self.name, down, slack=0.0)))
+            if leg.friction != "rough":
+                found.append(Look(parse(self.standing.grip, "legs"), Event(CONTACT, FALLING, TIPS, "", self.index)))
+            if self.sprung:
+                light = LIGHT * leg.stiffness * float(leg.length or 0.0)
+                found.append(Look(parse(self.standing.force, "legs"), Event(CONTACT, FALLING, LETS_GO, "", self.index, light)))
+        return tuple(found)
+
+    def foot_at(self, t: float, place: Array) -> Vector:
+        """Return where its foot is when it lands with its point at a place [m]."""
+        length, attack, heading = self.reach.value(t), self.attack.value(t), self.heading.value(t)
+        ahead = length * np.cos(attack)
+        x, y = place[0] + ahead * np.cos(heading), 0.0 if self.plane else place[1] + ahead * np.sin(heading)
+        return float(x), float(y), 0.0
+
+    def footing_at(
+        self, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO, before: Footing | None = None
+    ) -> Footing:
+        """Return the footing of a leg that stands; its foot is where it is before."""
+        return Footing(state, before.place if before else ZERO, since=t)
+
+    def let_go(self, gap: float, before: Footing) -> Footing:
+        """Return the footing of a leg that lets go: its foot stays known."""
+        return Footing(place=before.place)
+
+    def numbers(self, footing: Footing) -> dict[str, float]:
+        """Return the parameters of its equations in a phase: where its foot is, or was, and whether it stands."""
+        found = {self.parameter("gap"): 0.0, **{self.parameter(axis): at for axis, at in zip(AXES, footing.place, strict=True)}}
+        return found | ({self.parameter("stands"): 1.0} if self.closed(footing) else {})
+
+    def row_vectors(self, footing: Footing, slope: Array) -> Array:
+        """Return the gradient (1, 3) of its row over the point's place."""
+        return slope[None]
+
+    def gap_jet(self, t: float, jet: Array, footing: Footing) -> Array:
+        """Return how much longer (3,) [m] it is than its law has it, with two derivatives; jet (4, 3) of its point."""
+        away, v, a = jet[:3, 0] - np.array(footing.place), jet[:3, 1], jet[:3, 2]
+        length = max(float(np.linalg.norm(away)), 1e-300)
+        rate = float(away @ v) / length
+        second = (float(v @ v) + float(away @ a) - rate * rate) / length
+        return np.array([length, rate, second]) - np.array(self.reach.jet(t))
+
+    def pushes(self, place: Array, velocity: Array, footing: Footing) -> float:
+        """Return the force [N] of spring and damper along foot -> point, of one that stands."""
+        away = np.asarray(place) - np.array(footing.place)
+        length = float(np.linalg.norm(away))
+        return self.leg.stiffness * (float(self.leg.length or 0.0) - length) - self.leg.damping * float(away @ velocity) / length
+
+    def stored(self, places: Array, footing: Footing) -> Array:
+        """Return the energy (...) [J] of its spring with the point at places (..., 3)."""
+        if footing.state != STANDING:
+            return np.zeros(np.shape(places)[:-1])
+        off = np.linalg.norm(np.asarray(places) - np.array(footing.place), axis=-1) - float(self.leg.length or 0.0)
+        return np.asarray(0.5 * self.leg.stiffness * off**2)
+
+
+def leg_points(mechanism: Mechanism) -> tuple[LegPoint, ...]:
+    """Read the legs of a mechanism. Raises SceneError for points that are none."""
+    scene, found = mechanism.scene, []
+    for k, leg in enumerate(scene.legs):
+        key = f"legs[{k}]"
+        if leg.from_ != BASE:
+            mechanism.names.point(leg.from_, f"{key}.from")
+
+        def law(what: str, value: float | str, key: str = key) -> Law:
+            return time_law(value, scene.parameters, f"{key}.{what}")
+
+        contact = Contact(point=leg.from_, name=leg.name, friction=0.0)
+        found.append(
+            LegPoint(
+                index_of(scene, k), contact, place_names(leg.from_, scene.plane), Surface(parse("z"), {}), leg, scene.plane,
+                law("length", leg.reach), law("attack", leg.attack or 0.0), law("heading", leg.heading),
+            )
+        )  # fmt: skip
+    return tuple(found)
