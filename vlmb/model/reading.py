@@ -99,7 +99,7 @@ class Postures:
         if quantity.kind == "point":
             return self._points[quantity.link, quantity.point][quantity.rate][..., quantity.axis]
         if quantity.kind == "leg":
-            raise SceneError(f"{quantity.name}: this is read by equations and of a trajectory; take the point that the leg is from")
+            raise SceneError(f"{quantity.name}: equations and trajectories read this; take the point that the leg is from")
         at = self.layout.place(quantity.kind, quantity.link, quantity.segment)
         return (rates if quantity.rate else values)[..., at]
 

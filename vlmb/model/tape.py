@@ -53,9 +53,9 @@ def compile_tape(
 ) -> CompiledTape:
     """Compile expressions (a root each) and equations (left - right) into one tape with common subexpressions shared.
 
-    `resolve` tells what a name stands for: a leaf, or an expression in its place; `pieces` (rows, 7) are given functions of time: SIGNAL 3 k + n is derivative n of
-    the one at k. Raises ExpressionError: too many rows or operations, or a constant part that
-    has no value.
+    `resolve` tells what a name stands for: a leaf, or an expression in its place; `pieces` (rows, 7) are given functions of
+    time: SIGNAL 3 k + n is derivative n of the one at k. Raises ExpressionError: too many rows or operations, or a constant part
+    that has no value.
     """
     if len(roots) > MAX_ROWS:
         raise ExpressionError(f"{len(roots)} equations and laws: at most {MAX_ROWS}; write fewer")

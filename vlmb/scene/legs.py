@@ -147,7 +147,7 @@ def leg_tree(scene: SceneTables, name: str) -> Tree:
     else:
         standing = standing_of(scene, k)
         texts = {LENGTH: standing.length, LENGTH + DOT: standing.length_dot}
-        text = texts[what] if what in texts else standing.force
+        text = texts.get(what) or standing.force
     return parse(text, name).tree
 
 

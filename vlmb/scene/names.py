@@ -41,8 +41,8 @@ def why_not(name: str) -> str:
 
 
 def check_names(
-    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (), robots: Sequence[str] = (),
-    legs: Sequence[str] = (),
+    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (),
+    robots: Sequence[str] = (), legs: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 

@@ -154,7 +154,7 @@ class Contact(Table, frozen=True, kw_only=True):
 
 
 class Leg(Table, frozen=True, kw_only=True):
-    """A massless leg: nothing while it swings, a force along foot -> point while it stands on z = 0. It pushes, and never pulls."""
+    """A massless leg: nothing while it swings, a push along foot -> point while it stands on z = 0."""
 
     from_: str = msgspec.field(name="from")  # legs.tip; "base" is the first hinge of a free base
     name: Name = ""
@@ -300,3 +300,8 @@ class SceneTables(Table, frozen=True, kw_only=True):
     legs: tuple[Leg, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone
+
+    @property
+    def touching(self) -> tuple[str, ...]:
+        """Names of contacts, then of legs."""
+        return (*(contact.name for contact in self.contacts), *(leg.name for leg in self.legs))

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
-from vlmb.simulation.settling import Outcome, Settling
-from vlmb.system.contacts import OPEN, SLIDING, STANDING, Footing
+from vlmb.simulation.settling import Settling
+from vlmb.system.contacts import AWAY, OPEN, SLIDING, STANDING, Footing
 from vlmb.system.events import LETS_GO, OPENS, SLIPS, TIPS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.legs import LegPoint
@@ -41,13 +41,13 @@ class LegSteps(Settling):
             if not point.sprung:
                 if abs(off) > NEAR_AT_START:
                     raise SceneError(
-                        f"start: the leg {point.name!r} is {off:+.6g} m longer than its law has it at t = {self.t:g} s; start its "
-                        "point elsewhere, or move its foot"
+                        f"start: the leg {point.name!r} is {off:+.6g} m longer than its law has it at t = {self.t:g} s; "
+                        "start its point elsewhere, or move its foot"
                     )
             elif off > NEAR or (off > -NEAR and rate > 0.0):
                 if off > NEAR_AT_START:
                     raise SceneError(
-                        f"start: the leg {point.name!r} is {off:.6g} m longer than at rest and would pull, but a leg only pushes; "
+                        f"start: the leg {point.name!r} is {off:.6g} m longer than at rest and would pull, and legs only push; "
                         "start its point nearer to its foot, or leave `foot` out"
                     )
                 standing = Footing(place=standing.place)
@@ -57,8 +57,11 @@ class LegSteps(Settling):
     def _landed(self, point: LegPoint, jet: Array) -> Footing:
         return Footing(STANDING if point.sprung else SLIDING, point.foot_at(self.t, jet[:3, 0]), since=self.t)
 
-    def _with_legs(self, hit: Watched, footings: Sequence[Footing]) -> tuple[list[Footing], list[int], float]:
-        """Return how contacts stand with the legs that land or let go at an event, which land, and what springs lose [J]."""
+    def _with_legs(self, hit: Watched, footings: Sequence[Footing]) -> tuple[Watched, list[Footing], list[int], float]:
+        """Return an event as it is told, how contacts stand with the legs that land or let go, which land, what springs lose [J].
+
+        One that would land with its force outside the cone of friction slips instead: it goes on swinging.
+        """
         after, landing, lost = list(footings), list[int](), 0.0
         self.standing = tuple(footings)
         jets = self._probe(self.impulses, self.y).jets
@@ -70,9 +73,13 @@ class LegSteps(Settling):
             elif footings[k].state == OPEN and point.lands:
                 gap, falling = float(jet[3, 0]), float(jet[3, 1]) < 0.0
                 if (k == hit.which and hit.name == TOUCHES) or (abs(gap) <= NEAR and falling):
-                    after[k] = self._landed(point, jet)
-                    landing.append(k)
-        return after, landing, lost
+                    landed = self._landed(point, jet)
+                    if point.grips(jet[:3, 0], landed):
+                        after[k] = landed
+                        landing.append(k)
+                    elif k == hit.which:
+                        hit, after[k] = hit._replace(name=TIPS), Footing(AWAY, landed.place)
+        return as_told(hit), after, landing, lost
 
     def _take_lost(self, lost: float) -> None:
         """Book what springs lose that let go."""

@@ -14,7 +14,7 @@ from vlmb.errors import SceneError, VlmbError
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.simulation.contact_view import Engine
-from vlmb.simulation.leg_steps import NEAR, NEAR_AT_START, LegSteps, as_told
+from vlmb.simulation.leg_steps import NEAR, NEAR_AT_START, LegSteps
 from vlmb.simulation.loop import Loop, Recorded
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phases import Event, Stretch
@@ -149,8 +149,8 @@ class PhasedRun(LegSteps):
             if abs(gap) <= NEAR_AT_START and not refused:
                 near.append(point.index)
         footings += self._legs_at_start(found.jets)
-        held = [point.index for point in self.legs if footings[point.index].state == SLIDING]
-        landing = [k for k in held if not self.points[k].leg.foot]
+        lawful = [point for point in self.legs if footings[point.index].state == SLIDING]
+        held, landing = [leg.index for leg in lawful], [leg.index for leg in lawful if leg.leg.foot is None]
         return self._settled(None, tuple(footings), [*near, *held], set(), {}, landing)
 
     def _after(self, hit: Watched, mover: Engine, footings: tuple[Footing, ...]) -> Outcome:
@@ -162,13 +162,13 @@ class PhasedRun(LegSteps):
             why = "they would never end; a restitution of 0 ends them"
             return Outcome(footings, self.y, None, f"{MANY} events of contacts within {SPAN} s ({names}): {why}")
         if hit.name == REARMS:
-            return Outcome(_with(footings, c, Footing()), self.y)
+            return Outcome(_with(footings, c, Footing(place=footings[c].place)), self.y)
         if hit.name == TOUCHES and not self._allows(self.points[c], self.y):
             return Outcome(_with(footings, c, Footing(AWAY)), self.y)
         self.standing = footings
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
-        before, (stand, landing, lost) = footings, self._with_legs(hit, footings)
-        footings, hit = tuple(stand), as_told(hit)
+        before, (hit, stand, landing, lost) = footings, self._with_legs(hit, footings)
+        footings = tuple(stand)
         self._take_lost(lost)
         jets = self._probe(self.impulses, self.y).jets
         near = [c] if not isinstance(self.points[c], LegPoint) else []

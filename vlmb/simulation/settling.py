@@ -90,11 +90,11 @@ class Settling(ContactView):
     ) -> frozenset[str]:
         """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
         found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
+        if hit is not None and hit.name == SLIPS and not self.points[hit.which].closed(after[hit.which]):
+            found.add(f"{SLIPS} {self.points[hit.which].name}")  # a leg outside its cone
         for point, one, other in zip(self.points, before, after, strict=True):
             if point.closed(one) and not point.closed(other):
                 found.add(f"{OPENS} {point.name}")
-                if hit is not None and hit.name == SLIPS and hit.which == point.index:  # a leg that leaves its cone
-                    found.add(f"{SLIPS} {point.name}")
             elif point.closed(other) and not point.closed(one):
                 found.add(f"{TOUCHES} {point.name}")
             elif (one.state, other.state) in ((HELD, SLIDING), (SLIDING, HELD)):
@@ -139,8 +139,8 @@ class Settling(ContactView):
         if lost < -GAIN * scale:
             names = listed([self.points[k].name for k in taking])
             why = (
-                "with friction, restitution may give back more than there was, with one value for all contacts too (Kane's paradox); "
-                "take a smaller restitution, or less friction"
+                "with friction, restitution may give back more than there was, with one value for all contacts too (Kane's "
+                "paradox); take a smaller restitution, or less friction"
             )
             return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
         y = np.array(self.y)

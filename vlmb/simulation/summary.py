@@ -12,6 +12,7 @@ from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
+from vlmb.system.events import SLIPS
 
 Array = NDArray[np.float64]
 
@@ -111,6 +112,8 @@ def _contacts(trajectory: Told) -> list[str]:
         own = [event for event in events if contact.name in event.contacts]
         when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
         when += f", ... ({len(own)})" if len(own) > SHOWN else ""
+        left = sum(event.kind == SLIPS and event.name == contact.name for event in own) if contact.name in legs else 0
+        when += f"; WARNING: it let go {left} times because its force left its cone" if left else ""
         force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
         impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"

@@ -216,7 +216,7 @@ class Trajectory(Remade, Displayed):
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
-        ideal += tuple(contact.name for contact in (*self.scene.contacts, *self.scene.legs))
+        ideal += self.scene.touching
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:

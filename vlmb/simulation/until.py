@@ -27,7 +27,7 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, Expression
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", parse(until, "until", names)
     kind, name = words[1], words[2]
-    contacts = [contact.name for contact in (*mechanism.scene.contacts, *mechanism.scene.legs)]
+    contacts = mechanism.scene.touching
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:

@@ -133,6 +133,11 @@ class LegPoint(ContactPoint):
         second = (float(v @ v) + float(away @ a) - rate * rate) / length
         return np.array([length, rate, second]) - np.array(self.reach.jet(t))
 
+    def grips(self, place: Array, footing: Footing) -> bool:
+        """Whether a force from its foot to a place is in the cone of friction."""
+        away = np.asarray(place) - np.array(footing.place)
+        return self.leg.friction == "rough" or bool(np.hypot(away[0], away[1]) <= float(self.leg.friction) * away[2])
+
     def pushes(self, place: Array, velocity: Array, footing: Footing) -> float:
         """Return the force [N] of spring and damper along foot -> point, of one that stands."""
         away = np.asarray(place) - np.array(footing.place)

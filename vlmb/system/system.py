@@ -136,6 +136,7 @@ class System:
         names += [channel.name for channel in self.forces.named] + [at.force for at in self.prescribed]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
         dampers += [float(channel.kind == LOST) for channel in self.forces.channels] + [self.mechanism.scene.base.friction]
+        dampers += [leg.damping for leg in self.mechanism.scene.legs]
         names += work_names_of(self.points)
         return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
 
