@@ -6,31 +6,16 @@ import numpy as np
 import pytest
 
 import vlmb
-from tests.simulation.walkers import TIGHT
+from tests.simulation.walkers import TIGHT, model
 
 ENGINES = ["core", "pinocchio"]
 G, MASS = 9.81, 80.0
 APEX = 0.940267144380  # [m] of the run's fixed point
 
 
-def runner(apex=APEX, duration=1.0, k=20e3, **changes):
-    """Make the SLIP runner at an apex: 80 kg, 1 m, 68 degrees, m g l + 1000 J."""
-    speed = np.sqrt(2.0 * (G * (1.0 - apex) + 1000.0 / MASS))
-    leg = {"name": "leg", "from": "base", "length": 1.0, "stiffness": k, "attack": "68*pi/180"}
-    return vlmb.Scene.from_dict({
-        "plane": True, "base": {"kind": "free", "mass": MASS}, "legs": [leg], "start": {"z": apex, "x_dot": float(speed)},
-        "run": {**TIGHT, "duration": duration}, **changes,
-    })
-
-
-def walker(duration=2.0):
-    """Make the SLIP walker over its vertical leg: 14 kN/m, 69 degrees, 816 J."""
-    leg = {"from": "base", "length": 1.0, "stiffness": 14e3, "attack": "69*pi/180"}
-    return vlmb.Scene.from_dict({
-        "plane": True, "base": {"kind": "free", "mass": MASS},
-        "legs": [{"name": "left", "foot": [0.0, 0.0], **leg}, {"name": "right", **leg}],
-        "start": {"z": 0.970834667442, "x_dot": 1.096980362504}, "run": {**TIGHT, "duration": duration},
-    })
+def runner(apex=APEX, duration=1.0, **changes):
+    """Make the SLIP runner at an apex."""
+    return model("slip_runner", duration, {"parameters.apex": apex}).changed(**changes)
 
 
 def hopper(law="0.9 - 0.12*cos(12*t)", z=0.78, leg=None, **changes):
@@ -73,7 +58,7 @@ def test_runner_over_a_hundred_strides():
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_walker_keeps_its_steps(engine):
-    run = vlmb.simulate(walker(), engine=engine)
+    run = vlmb.simulate(model("slip_walker", 2.0), engine=engine)
     single, double = 0.138984856485, 0.166562990043
     times = [event.t for event in run.events]
     assert times[0] == pytest.approx(single, abs=1e-9)

@@ -12,7 +12,7 @@ from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures
 from vlmb.simulation.histories import forces_along
 from vlmb.simulation.phases import Stretch
-from vlmb.system.contacts import CLOSED, STANDING
+from vlmb.system.contacts import AWAY, CLOSED, STANDING
 from vlmb.system.legs import LegPoint
 from vlmb.system.slips import force_of, motion_of
 from vlmb.system.system import System
@@ -66,3 +66,18 @@ def _joined(parts: Sequence[Any]) -> Any:
     if isinstance(parts[0], tuple):
         return tuple(_joined([part[k] for part in parts]) for k in range(len(parts[0])))
     return parts[-1] if isinstance(parts[0], str) else read_only(np.concatenate(parts))
+
+
+def lowest_gaps(system: System, stretches: Sequence[Stretch], t: Array, seen: Postures) -> dict[str, float]:
+    """Return the lowest gap [m] of each contact, without the time in which its `when` has refused it; none of legs."""
+    found = {}
+    for point in system.points:
+        if isinstance(point, LegPoint):
+            continue
+        places, lowest = motion_of(point, seen)[0], np.inf
+        for stretch in stretches:
+            if stretch.footings[point.index].state != AWAY:
+                own = range(stretch.first, stretch.last)
+                lowest = min([lowest, *(point.gap(float(t[i]), places[i]) for i in own)])
+        found[point.name] = float(lowest)
+    return found

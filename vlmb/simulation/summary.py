@@ -52,6 +52,8 @@ class Told(Protocol):
     def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
     @property
     def events(self) -> Sequence[Any]: ...  # noqa: D102
+    @property
+    def lowest_gaps(self) -> Mapping[str, float]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def power(self, name: str) -> Array: ...  # noqa: D102
 
@@ -116,6 +118,8 @@ def _contacts(trajectory: Told) -> list[str]:
         when += f"; WARNING: it let go {left} times because its force left its cone" if left else ""
         force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
         impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
+        gap = trajectory.lowest_gaps.get(contact.name)
+        when += "" if gap is None else f"; lowest gap {gap:.2g} m"
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
         lines.append(f"  {'leg    ' if contact.name in legs else 'contact'}          {contact.name}: {pushed}; {when}")
     works = trajectory.work_by_force.items()

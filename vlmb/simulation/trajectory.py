@@ -34,7 +34,7 @@ from vlmb.simulation.histories import energies_along, forces_along, work_by_forc
 from vlmb.simulation.leg_histories import read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
-from vlmb.simulation.phase_forces import forces_in_phases
+from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
 from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
@@ -287,6 +287,11 @@ class Trajectory(Remade, Displayed):
         if not self.stretches:
             return forces_along(self.system, *taken, failed)
         return forces_in_phases(self.system, self.stretches, taken, self._postures, failed)
+
+    @cached_property
+    def lowest_gaps(self) -> Mapping[str, float]:
+        """The lowest gap [m] of each contact at any sample, without the time in which its `when` has refused it."""
+        return lowest_gaps(self.system, self.stretches, self.t, self._postures) if self.stretches else {}
 
     @cached_property
     def _energies(self) -> dict[str, Array]:

@@ -171,6 +171,14 @@ class ContactPoint:
         """Name a number of a phase as its equations do; no scene can have such a name."""
         return parameter(what, self.index)
 
+    def gap(self, t: float, place: Array) -> float:
+        """Return the distance [m] of a place from its surface, below 0 inside."""
+        plain = PLAIN.get(self.contact.surface.strip())
+        if plain is not None:
+            return float(place[plain])
+        value, slope = self.surface.at(t, place)
+        return value / max(float(np.linalg.norm(slope)), 1e-300)
+
     def slope(self, t: float, place: Array, footing: Footing) -> Array:
         """Return the gradient (3,) of its surface at a place."""
         return self.surface.at(t, place)[1]

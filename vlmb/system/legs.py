@@ -101,10 +101,16 @@ class LegPoint(ContactPoint):
 
     def foot_at(self, t: float, place: Array) -> Vector:
         """Return where its foot is when it lands with its point at a place [m]."""
-        length, attack, heading = self.reach.value(t), self.attack.value(t), self.heading.value(t)
+        x, y, _ = self.hangs_to(t, place)
+        return x, y, 0.0
+
+    def hangs_to(self, t: float, place: Array) -> Vector:
+        """Return where its foot is while it swings; of one that never lands below its point."""
+        length, heading = self.reach.value(t), self.heading.value(t)
+        attack = self.attack.value(t) if self.lands else 0.5 * np.pi
         ahead = length * np.cos(attack)
-        x, y = place[0] + ahead * np.cos(heading), 0.0 if self.plane else place[1] + ahead * np.sin(heading)
-        return float(x), float(y), 0.0
+        y = 0.0 if self.plane else float(place[1] + ahead * np.sin(heading))
+        return float(place[0] + ahead * np.cos(heading)), y, float(place[2] - length * np.sin(attack))
 
     def footing_at(
         self, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO, before: Footing | None = None
