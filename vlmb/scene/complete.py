@@ -24,7 +24,7 @@ from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
 from vlmb.scene.robots import Beside, check_robots, frame_owner
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import BASE, SURFACE, Force, Link, SceneTables, Segment, Spring, Table
+from vlmb.scene.tables import BASE, BOUNCE, SURFACE, Force, Link, SceneTables, Segment, Spring, Table
 from vlmb.scene.written import Written, key_of, put, resolve
 
 UNUSABLE = frozenset({"t", "speed", *FUNCTIONS, *CONSTANTS})  # as names of parameters
@@ -254,6 +254,10 @@ def _check_segment(segment: Segment, key: str, refuse: Any) -> None:
     low, high = segment.bounds
     if not low < high:
         refuse(f"{key}.limits", f"must be [low, high] with low < high, not {list(segment.limits or ())}")
+    if segment.at_limit == BOUNCE and (segment.motion != "free" or segment.limits is None):
+        refuse(f"{key}.at_limit", "a stop needs motion = 'free' and limits = [low, high] [m]")
+    if segment.restitution and segment.at_limit != BOUNCE:
+        refuse(f"{key}.restitution", f"belongs to at_limit = '{BOUNCE}'; without it the run ends at a limit")
     if segment.motion == "prescribed":
         if segment.law is None:
             refuse(key, "motion = 'prescribed' needs a law, e.g. law = \"0.2 + 0.05*sin(6*t)\"")

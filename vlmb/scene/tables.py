@@ -18,6 +18,7 @@ Place: TypeAlias = str | tuple[float, float, float]  # a point of a link, or a f
 SURFACE = "surface"  # the frame of forces that is no link's
 
 BASE = "base"
+BOUNCE = "bounce"
 FIXED_STEP = ("euler", "rk4", "gauss")
 DEFAULT_STEP = 1e-3  # [s]
 
@@ -82,6 +83,8 @@ class Segment(Table, frozen=True, kw_only=True):
     damping: NonNegative = 0.0  # [N s/m]
     rest: float | None = None  # [m], default: length
     limits: tuple[float, float] | None = None  # [m], default (0, inf)
+    at_limit: Literal["end", "bounce"] = "end"  # what happens there: the run ends, or the length strikes a stop
+    restitution: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0  # of that stop; 0 holds until the force pulls back
 
     @property
     def bounds(self) -> tuple[float, float]:

@@ -72,7 +72,7 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
             for axis, part in zip(AXES, values.T, strict=True):
                 yield Column(f"{'leg' if name in legs else 'contact'}:{name}.{axis}", "N", part)
             continue
-        yield Column(name, SNOW.get(name, "N" if name == "friction" else ""), values)
+        yield Column(name, SNOW.get(name, "N" if name == "friction" or name.endswith((".min", ".max")) else ""), values)
     for name, residual in run.residuals.items():
         if residual.position is not None:
             yield Column(f"residual:{name}", "", residual.position)

@@ -15,6 +15,7 @@ from vlmb.simulation.phases import Stretch
 from vlmb.system.contacts import AWAY, CLOSED, STANDING
 from vlmb.system.legs import LegPoint
 from vlmb.system.slips import force_of, motion_of
+from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ def _in_phase(
             places, speeds = (values[own] for values in motion_of(point, seen))
             for i, t in enumerate(taken[0].tolist()):
                 forces[i] = force_of(point, footing, t, places[i], speeds[i], multipliers[i])
-        reactions[point.name] = read_only(forces)
+        reactions[point.name] = read_only(forces[:, 0] if isinstance(point, StopPoint) else forces)
     kept = {name: values for name, values in found["residuals"].items() if name not in texts}
     shown = {name: values for name, values in reactions.items() if name not in texts}
     return found | {"reactions": shown, "residuals": kept}

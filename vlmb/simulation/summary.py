@@ -109,23 +109,26 @@ def summarize(trajectory: Told, programme: str) -> str:
 def _contacts(trajectory: Told) -> list[str]:
     """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
     lines, events = [], trajectory.events
-    scene, legs = trajectory.scene, {leg.name for leg in trajectory.scene.legs}
-    for contact in (*scene.contacts, *scene.legs):
-        own = [event for event in events if contact.name in event.contacts]
+    legs = {leg.name for leg in trajectory.scene.legs}
+    stops = [name for name in trajectory.lowest_gaps if name.endswith((".min", ".max"))]
+    for name in (*trajectory.scene.touching, *stops):
+        own = [event for event in events if name in event.contacts]
         when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
         when += f", ... ({len(own)})" if len(own) > SHOWN else ""
-        left = sum(event.kind == SLIPS and event.name == contact.name for event in own) if contact.name in legs else 0
+        left = sum(event.kind == SLIPS and event.name == name for event in own) if name in legs else 0
         when += f"; WARNING: it let go {left} times because its force left its cone" if left else ""
-        force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
-        impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
-        gap = trajectory.lowest_gaps.get(contact.name)
+        pushes = trajectory.reactions[name]
+        force = largest(pushes if pushes.ndim == 1 else np.linalg.norm(pushes, axis=1))
+        impulses = [float(np.linalg.norm(event.impulses[name])) for event in own if name in event.impulses]
+        gap = trajectory.lowest_gaps.get(name)
         when += "" if gap is None else f"; lowest gap {gap:.2g} m"
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
-        lines.append(f"  {'leg    ' if contact.name in legs else 'contact'}          {contact.name}: {pushed}; {when}")
+        what = "leg" if name in legs else "stop" if name in stops else "contact"
+        lines.append(f"  {what:<17s}{name}: {pushed}; {when}")
     works = trajectory.work_by_force.items()
-    taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
-    if scene.contacts or scene.legs:
-        lines.append(f"  lost             {', '.join(f'{name} {-work:.4g} J' for name, work in taken.items())}")
+    taken = {what: work[-1] for what, work in works if what == "impacts" or what.startswith("friction ")}
+    if trajectory.scene.touching or stops:
+        lines.append(f"  lost             {', '.join(f'{what} {-work:.4g} J' for what, work in taken.items())}")
     return lines
 
 

@@ -211,12 +211,13 @@ class Trajectory(Remade, Displayed):
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
         the ski, where there is any. A multiplier is the force along the gradient of
-        left side - right side. Of a contact and a leg it is the force (N, 3) [N] on the mechanism in the surface frame.
+        left side - right side. Of a contact and a leg it is the force (N, 3) [N] on the mechanism in the surface frame,
+        of a stop that along its length.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
-        ideal += self.scene.touching
+        ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:

@@ -9,6 +9,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import allowed_names
 from vlmb.scene.expressions import Expression, parse
 from vlmb.system.events import OPENS, SLIPS, STICKS, TOUCHES
+from vlmb.system.stops import stop_points
 
 KINDS = (TOUCHES, OPENS, SLIPS, STICKS)
 
@@ -27,7 +28,7 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, Expression
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", parse(until, "until", names)
     kind, name = words[1], words[2]
-    contacts = mechanism.scene.touching
+    contacts = [*mechanism.scene.touching, *(point.name for point in stop_points(mechanism))]
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:

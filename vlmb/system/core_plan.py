@@ -26,7 +26,7 @@ from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import listed
-from vlmb.scene.tables import Run
+from vlmb.scene.tables import BOUNCE, Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STANDING, STILL, UNDER, Look, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
@@ -306,7 +306,7 @@ def _watched(
         events.append(event)
 
     for c in mechanism.layout.coordinates:
-        if c.kind == "xi":
+        if c.kind == "xi" and mechanism.segment(c).at_limit != BOUNCE:
             for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
                 if math.isfinite(bound):
                     place = table.of(mechanism.names.find(c.name))

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from vlmb.model.names import AXES
 from vlmb.scene.tables import BASE
-from vlmb.system.contacts import STANDING, Footing, PhaseContacts
+from vlmb.system.contacts import STANDING, ContactPoint, Footing, PhaseContacts
 from vlmb.system.engines import make_engine
 from vlmb.system.programme import total_mass
+from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ class Probe:
         open_ = system.phase(unheld(footings) if footings else [Footing()] * len(system.points), bare)
         given = () if bare else system.forces.inputs or ()
         forces = [
-            (3 * point.index + axis, f"F_{AXES[axis]}" if point.contact.point == BASE else f"R_{name}")
+            (3 * point.index + axis, _force_on(point, axis))
             for point in system.points
             for axis, name in enumerate(point.names)
             if name
@@ -83,3 +84,10 @@ class Probe:
 def unheld(footings: Sequence[Footing]) -> tuple[Footing, ...]:
     """Return how contacts stand with none held by rows."""
     return tuple(at if at.state == STANDING else Footing(place=at.place) for at in footings)
+
+
+def _force_on(point: ContactPoint, axis: int) -> str:
+    """Name the force along one axis of a contact's point, or along the length of a stop."""
+    if isinstance(point, StopPoint):
+        return point.force
+    return f"F_{AXES[axis]}" if point.contact.point == BASE else f"R_{point.names[axis]}"

@@ -14,6 +14,7 @@ from vlmb.scene.tables import BASE
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing, PhaseContacts
 from vlmb.system.frames import LinkFrames
+from vlmb.system.stops import StopPoint
 
 Array = NDArray[np.float64]
 
@@ -118,7 +119,13 @@ def force_of(point: ContactPoint, footing: Footing, t: float, place: Array, velo
 
 
 def motion_of(point: ContactPoint, seen: Postures) -> tuple[Array, Array]:
-    """Return places and velocities (N, 3) of a contact's point."""
+    """Return places and velocities (N, 3) of a contact's point; of a stop the length and its rate."""
+    if isinstance(point, StopPoint):
+        link, _, which = point.contact.point.partition(".")
+        i, side = [entry.name for entry in seen.layout.links].index(link), 0 if which == "lower" else 1
+        found = np.zeros((2, len(seen.lengths), 3))
+        found[0, :, 0], found[1, :, 0] = seen.lengths[:, i, side], seen.length_rates[:, i, side]
+        return found[0], found[1]
     if point.contact.point == BASE:
         return seen.place, seen.velocity_of_place
     link, _, which = point.contact.point.partition(".")

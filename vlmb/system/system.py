@@ -40,6 +40,7 @@ from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
 from vlmb.system.slips import Slips
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
+from vlmb.system.stops import stop_points
 from vlmb.system.types import Rhs
 
 Array = NDArray[np.float64]
@@ -142,8 +143,8 @@ class System:
 
     @cached_property
     def points(self) -> tuple[ContactPoint, ...]:
-        """The contacts of the scene, then its legs."""
-        return (*contact_points(self.mechanism), *leg_points(self.mechanism))
+        """The contacts of the scene, then its legs, then stops of lengths."""
+        return (*contact_points(self.mechanism), *leg_points(self.mechanism), *stop_points(self.mechanism))
 
     def placed(self, footings: Sequence[Footing]) -> System:
         """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system.stops import StopPoint
 from vlmb.views.reference_path import course
 from vlmb.views.style import BLACK, DASHES, GREY, PALETTE, finish, legend_beside, link_colour, new_figure, styled
 
@@ -127,7 +128,8 @@ def footholds(run: Trajectory) -> Array:
     """Return the places (n, 3) [m] at which contacts and legs came down and stayed."""
     found = dict.fromkeys(
         stretch.footings[point.index].place
-        for stretch in run.stretches for point in run.system.points if point.closed(stretch.footings[point.index])
+        for stretch in run.stretches for point in run.system.points
+        if point.closed(stretch.footings[point.index]) and not isinstance(point, StopPoint)
     )  # fmt: skip
     return np.array(list(found)).reshape(-1, 3)
 

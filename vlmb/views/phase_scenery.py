@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from vlmb.model.reading import Postures
 from vlmb.simulation.phases import Stretch
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system.contacts import ContactPoint
 from vlmb.system.legs import LegPoint
 from vlmb.system.slips import motion_of
+from vlmb.system.stops import StopPoint
 from vlmb.views import appearance, shapes
 from vlmb.views.bodies import Body
 
@@ -46,7 +48,7 @@ def draw_footprints(run: Trajectory, when: Array, size: float, floor: float) -> 
     """Draw where contacts and legs stood on the ground, from the moment on in which they came down."""
     found = []
     for before, stretch in zip([None, *run.stretches], run.stretches, strict=False):
-        for point in run.system.points:
+        for point in _on_ground(run):
             one, other = (stretch.footings[point.index], before.footings[point.index] if before else None)
             stood = other is not None and point.closed(other) and other.place == one.place
             if point.closed(one) and not stood and abs(one.place[2] - floor) < 0.01 * size:
@@ -65,7 +67,7 @@ def draw_forces(run: Trajectory, when: Array, seen: Postures, reach: float, weig
     arrow = shapes.arrow(reach)
     hits = [event for event in run.events if event.impulses]
     most = max((float(np.linalg.norm(p)) for event in hits for p in event.impulses.values()), default=1.0)
-    for point in run.system.points:
+    for point in _on_ground(run):
         places = motion_of(point, seen)[0]
         if isinstance(point, LegPoint):
             places = _feet(point, run.stretches, at, when, places)
@@ -105,6 +107,11 @@ def _arrow(path: str, shape: shapes.Mesh, places: Array, vectors: Array, colour:
     ways = np.where(size[:, None] > 1e-9, vectors / np.maximum(size, 1e-300)[:, None], [0.0, 0.0, 1.0])
     scale = np.clip(size, TINY, LARGEST)[:, None] * np.ones(3)
     return Body(path, shape, colour, places, towards(ways), scale, shadow=False, in_front=True, fits=False)
+
+
+def _on_ground(run: Trajectory) -> list[ContactPoint]:
+    """Return contacts and legs, without the stops of lengths."""
+    return [point for point in run.system.points if not isinstance(point, StopPoint)]
 
 
 def _stretch_at(run: Trajectory, when: Array) -> NDArray[np.int64]:
