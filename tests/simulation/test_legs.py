@@ -85,6 +85,22 @@ def test_jump_from_a_leg_with_a_law(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_leg_by_the_time_since_it_came_down_hops(engine):
+    """Each stance begins at 0.78 m, after an impact that takes all, and is the first one again."""
+    scene = hopper("0.9 - 0.12*cos(12*phase_t)", leg={"attack": "pi/2 + 0*phase_t"}, run={**TIGHT, "duration": 1.6})
+    pushed = scene.changed(forces=[{"on": "F_x", "law": "7.0", "closed": ["leg"]}])
+    run = vlmb.simulate(scene, engine=engine)
+    stance, speed, rises = 0.18120964585726, 1.18545086359579, 0.9 - 0.12 * np.cos(12 * 0.18120964585726) - 0.78
+    flight = (speed + np.sqrt(speed**2 + 2.0 * G * rises)) / G
+    ends = np.cumsum(np.resize([stance, flight], len(run.events)))
+    assert [event.t for event in run.events] == pytest.approx(ends, abs=1e-10) and len(ends) > 4 and balanced(run)
+    assert run.events[1].impulses["leg"][2] == pytest.approx(70.0 * (G * flight - speed), rel=1e-9)
+    run = vlmb.simulate(pushed, engine=engine, duration=0.3)
+    off = run.events[0].t
+    assert (run.controls["F_x"][run.t < off] == 7.0).all() and (run.controls["F_x"][run.t > off] == 0.0).all()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_mass_lands_on_a_leg_with_a_law(engine):
     """A stiff leg at an angle takes the velocity along it; what is left swings over it as an inverted pendulum."""
     leg = {"law": 1.0, "attack": 1.2, "foot": None}

@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from vlmb.errors import SceneError, nearest
+from vlmb.scene.by_phase import check_phases
 from vlmb.scene.contacts import check_contact
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
@@ -45,8 +46,9 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
     legs = tuple(msgspec.structs.replace(leg, name=leg.name or f"leg{k + 1}") for k, leg in enumerate(tables.legs))
     tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts, legs=legs)
     robots = [robot.name for robot in tables.robots]
+    data_names, events = [entry.name for entry in tables.data], [event.name for event in tables.events]
     legged = [leg.name for leg in legs]
-    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts, robots, legged)
+    check_names(tables.links, rows_of(tables), data_names, tables.contacts, robots, events, legged)
     _check_tree(tables.links, robots)
     _check(tables, texts)
     return tables
@@ -218,6 +220,7 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         check_contact(scene, contact, f"contacts[{index}]", refuse)
     for index, leg in enumerate(scene.legs):
         check_leg(scene, leg, f"legs[{index}]", refuse)
+    check_phases(scene, refuse)
 
 
 def _check_force(force: Force, key: str, refuse: Any) -> None:

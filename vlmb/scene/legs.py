@@ -1,20 +1,24 @@
 """Massless legs as a scene writes them, and as text: length, force and gap by the names of the point they hang on.
 
-While a leg stands its foot is a place of parameters; `stands` is one that the scene of a phase has while it does. Outside phases
+While a leg stands its foot is a place of parameters; `stands` is one that the scene of a phase has while it does. In laws
+`phase_t` is the time since it came down, or let go; while it swings its length is that with which it comes down. Outside phases
 what an equation reads of a leg is that of one that stands at its `foot`, or at the origin.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 from vlmb.errors import ExpressionError
 from vlmb.scene.contacts import AXES
 from vlmb.scene.expressions import Tree, parse
+from vlmb.scene.names import PHASE_START
 from vlmb.scene.tables import BASE, Law, Leg, SceneTables
 
 DOT = "_dot"
+PHASE_TIME_ALONE = re.compile(r"(?<![\w.])phase_t(?![\w.(])")
 LENGTH, FORCE, FOOT = "length", "force", "foot"  # what equations may read of a leg
 
 
@@ -33,7 +37,7 @@ def check_leg(scene: SceneTables, leg: Leg, key: str, refuse: Callable[[str, str
         refuse(f"{key}.attack", "a leg that swings at the start needs the elevation [rad] of foot -> point it lands with")
     if scene.plane and leg.foot is not None and leg.foot[1] != 0.0:
         refuse(f"{key}.foot", f"y = {leg.foot[1]:g}: with plane = true it is 0")
-    own = {"t", *scene.parameters}
+    own = {"t", PHASE_START, *scene.parameters}
     for name, law in (("law", leg.law), ("attack", leg.attack), ("heading", leg.heading)):
         if law is not None:
             parse(law, f"{key}.{name}", own)
@@ -57,15 +61,17 @@ def parameter(what: str, index: int) -> str:
     return f"phase.{what}{index}"
 
 
-def reach_text(leg: Leg) -> str:
-    """Return the length of a leg while it swings."""
-    return _written(leg.reach)
+def law_text(law: Law, since: str = "") -> str:
+    """Return a law of a leg with `phase_t` as the time since a number, or the name of one; as 0 without."""
+    if not isinstance(law, str):
+        return repr(float(law))
+    return f"({PHASE_TIME_ALONE.sub(f'(t - {since})' if since else '0', law)})"
 
 
-def swing_gap_text(leg: Leg, plane: bool) -> str:
-    """Return how high [m] the foot of a swinging leg is; of one that never lands the height of its point."""
+def swing_gap_text(leg: Leg, plane: bool, since: str) -> str:
+    """Return how high [m] the foot of a leg is that swings since a time; of one that never lands the height of its point."""
     z = place_names(leg.from_, plane)[2]
-    return z if leg.attack is None else f"{z} - {reach_text(leg)}*sin({_written(leg.attack)})"
+    return z if leg.attack is None else f"{z} - {law_text(leg.reach)}*sin({law_text(leg.attack, since)})"
 
 
 class Standing:
@@ -143,7 +149,7 @@ def leg_tree(scene: SceneTables, name: str) -> Tree:
         advice = "its law gives the length, and the force follows from the motion; name the length, or give it a stiffness"
         raise ExpressionError(f"legs[{k}]: an equation names {name}, which is a result: {advice}")
     if phased and not stands(scene, k):
-        text = reach_text(leg) if what == LENGTH else "0"
+        text = law_text(leg.reach) if what == LENGTH else "0"
     else:
         standing = standing_of(scene, k)
         texts = {LENGTH: standing.length, LENGTH + DOT: standing.length_dot}
@@ -152,7 +158,3 @@ def leg_tree(scene: SceneTables, name: str) -> Tree:
 
 
 READABLE = (LENGTH, LENGTH + DOT, FORCE, *(f"{FOOT}.{axis}" for axis in AXES))
-
-
-def _written(law: Law) -> str:
-    return f"({law})" if isinstance(law, str) else repr(float(law))

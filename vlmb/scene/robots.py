@@ -111,6 +111,10 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
         refuse("links", "at_limit = 'bounce' is there for scenes of links alone")
     if scene.legs:
         refuse("legs", "massless legs are there for scenes of links alone; take the robot's own")
+    if scene.programmes:
+        refuse("programmes", "phases are there for scenes of links alone; a scene with robots has one [programme]")
+    if scene.events:
+        refuse("events", "events by name are there for scenes of links alone; read them of the trajectory")
     if scene.contacts:
         refuse("contacts", "contacts are there for scenes of links alone; weld a foot to the ground, or leave the robot out")
     if scene.run.engine == "core":

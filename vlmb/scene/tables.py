@@ -126,6 +126,8 @@ class Force(Table, frozen=True, kw_only=True):
     stiffness: NonNegative = 0.0  # [N m/rad]
     damping: NonNegative = 0.0  # [N m s/rad]
     rest: float = 0.0  # [rad], angle between the two directions
+    closed: tuple[str, ...] = ()  # contacts: it acts while all of these are closed
+    open: tuple[str, ...] = ()  # and all of these open; default: always
 
 
 class Spring(Table, frozen=True, kw_only=True):
@@ -174,6 +176,15 @@ class Leg(Table, frozen=True, kw_only=True):
     def reach(self) -> Law:
         """What its length [m] is while it swings: that at rest, or the law's."""
         return self.law if self.law is not None else self.length or 0.0
+
+
+class UserEvent(Table, frozen=True, kw_only=True):
+    """Something to be looked for along a run, by name."""
+
+    name: Name
+    when: str  # an equation: it happens where left - right goes through 0
+    direction: Literal["down", "up", "both"] = "both"  # of left - right
+    end: bool = False  # whether it ends the run
 
 
 class Attach(Table, frozen=True, kw_only=True):
@@ -233,6 +244,8 @@ class Programme(Table, frozen=True, kw_only=True):
     secondary_frequency: Positive | None = None  # [rad/s], default: frequency
     limits: Literal["report", "stop"] | None = None  # of a robot's joints, speeds and efforts; default report
     posture: Posture | None = None  # of a robot; default Posture()
+    closed: tuple[str, ...] = ()  # contacts: it acts while all of these are closed
+    open: tuple[str, ...] = ()  # and all of these open; default: always
 
 
 class Smoothing(Table, frozen=True, kw_only=True):
@@ -299,8 +312,10 @@ class SceneTables(Table, frozen=True, kw_only=True):
     welds: tuple[Weld, ...] = ()
     edges: tuple[Edge, ...] = ()
     programme: Programme | None = None
+    programmes: tuple[Programme, ...] = ()  # instead of `programme`: those that act at an instant are united
     contacts: tuple[Contact, ...] = ()
     legs: tuple[Leg, ...] = ()
+    events: tuple[UserEvent, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone
 

@@ -34,7 +34,7 @@ def read_leg(
         if quantity.point not in (LENGTH, FORCE):
             found[own] = footing.place[AXES.index(what[-1])]
         elif not point.closed(footing):
-            found[own] = point.reach.values(t[own]) if what == LENGTH else 0.0
+            found[own] = point.law(point.leg.reach).values(t[own]) if what == LENGTH else 0.0
         elif what == FORCE:
             found[own] = np.einsum("ij,ij->i", forces[own], along)
         else:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
 from vlmb.simulation.settling import Settling
+from vlmb.system.beginning import NEAR_AT_START
 from vlmb.system.contacts import AWAY, OPEN, SLIDING, STANDING, Footing
 from vlmb.system.events import LETS_GO, OPENS, SLIPS, TIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -16,7 +17,7 @@ from vlmb.system.legs import LegPoint
 
 Array = NDArray[np.float64]
 
-NEAR, NEAR_AT_START = 1e-9, 1e-6  # [m] a gap that counts as none
+NEAR = 1e-9  # [m] a gap that counts as none
 
 
 class LegSteps(Settling):
@@ -34,7 +35,8 @@ class LegSteps(Settling):
             jet, foot = jets[point.index], point.leg.foot
             if foot is None:
                 gap, falling = float(jet[3, 0]), float(jet[3, 1]) < 0.0
-                found.append(self._landed(point, jet) if abs(gap) < NEAR_AT_START and falling else Footing())
+                swings = Footing(since=self.t)
+                found.append(self._landed(point, jet, swings) if abs(gap) < NEAR_AT_START and falling else swings)
                 continue
             standing = Footing(STANDING if point.sprung else SLIDING, (foot[0], foot[1], 0.0), since=self.t)
             off, rate, _ = map(float, point.gap_jet(self.t, jet, standing))
@@ -50,12 +52,12 @@ class LegSteps(Settling):
                         f"start: the leg {point.name!r} is {off:.6g} m longer than at rest and would pull, and legs only push; "
                         "start its point nearer to its foot, or leave `foot` out"
                     )
-                standing = Footing(place=standing.place)
+                standing = Footing(place=standing.place, since=self.t)
             found.append(standing)
         return found
 
-    def _landed(self, point: LegPoint, jet: Array) -> Footing:
-        return Footing(STANDING if point.sprung else SLIDING, point.foot_at(self.t, jet[:3, 0]), since=self.t)
+    def _landed(self, point: LegPoint, jet: Array, swings: Footing) -> Footing:
+        return Footing(STANDING if point.sprung else SLIDING, point.foot_at(self.t, jet[:3, 0], swings), since=self.t)
 
     def _with_legs(self, hit: Watched, footings: Sequence[Footing]) -> tuple[Watched, list[Footing], list[int], float]:
         """Return an event as it is told, how contacts stand with the legs that land or let go, which land, what springs lose [J].
@@ -64,21 +66,21 @@ class LegSteps(Settling):
         """
         after, landing, lost = list(footings), list[int](), 0.0
         self.standing = tuple(footings)
-        jets = self._probe(self.impulses, self.y).jets
+        jets = self._without_forces(self.y).jets
         for point in self.legs:
             k, jet = point.index, jets[point.index]
             if k == hit.which and hit.name in (LETS_GO, TIPS):
                 lost += float(point.stored(jet[:3, 0], footings[k]))
-                after[k] = point.let_go(0.0, footings[k])
+                after[k] = point.let_go(self.t, 0.0, footings[k])
             elif footings[k].state == OPEN and point.lands:
                 gap, falling = float(jet[3, 0]), float(jet[3, 1]) < 0.0
                 if (k == hit.which and hit.name == TOUCHES) or (abs(gap) <= NEAR and falling):
-                    landed = self._landed(point, jet)
+                    landed = self._landed(point, jet, footings[k])
                     if point.grips(jet[:3, 0], landed):
                         after[k] = landed
                         landing.append(k)
                     elif k == hit.which:
-                        hit, after[k] = hit._replace(name=TIPS), Footing(AWAY, landed.place)
+                        hit, after[k] = hit._replace(name=TIPS), Footing(AWAY, landed.place, since=footings[k].since)
         return as_told(hit), after, landing, lost
 
     def _take_lost(self, lost: float) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
+from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
@@ -24,6 +25,7 @@ from vlmb.system.probe import Answers
 
 Array = NDArray[np.float64]
 
+AGREE = 4  # tries to find what is closed under what acts then
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
 
 
@@ -40,6 +42,8 @@ class Outcome(NamedTuple):
 class Settling(ContactView):
     """Finds what follows."""
 
+    several = False  # whether other modes were admissible at the last event
+
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
         leaving: Mapping[int, Array], landing: Collection[int] = (), before: Sequence[Footing] | None = None,
@@ -50,8 +54,8 @@ class Settling(ContactView):
         a law, which are closed in `footings`; before: how contacts stood before legs landed or let go
         """
         self.standing, before = footings, footings if before is None else before
-        y, frames = self.y, {k: self._frame(k) for k in near}
-        found = self._probe(self.impulses, y)
+        y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
+        found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
         strikes = [
@@ -64,7 +68,7 @@ class Settling(ContactView):
             if refusal:
                 return Outcome(footings, self.y, None, refusal)
             told = impact_told if strikes else {}
-            found = self._probe(self.impulses, y)
+            found = self._without_forces(y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         resting = [k for k in taking if approach[k][-1] <= STILL and k not in opening]
         states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
@@ -76,7 +80,7 @@ class Settling(ContactView):
             state, place = states.get(k, OPEN), found.jets[k, :3, 0]
             if state == OPEN:
                 gap = float(found.jets[k, 3, 0])
-                after[k] = point.let_go(gap, at) if at.state in CLOSED or k in strikes or k in taking else at
+                after[k] = point.let_go(self.t, gap, at) if at.state in CLOSED or k in strikes or k in taking else at
             elif state == HELD and at.state == HELD:
                 after[k] = at
             else:
@@ -117,7 +121,7 @@ class Settling(ContactView):
         if kind == STICKS and after[first].state == SLIDING:
             kind = SLIPS  # it turns back at once
         involved = tuple(self.points[k].name for k in dict.fromkeys([first, *strikes, *changed]))
-        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), **told)
+        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), several=self.several, **told)
 
     def _impact(
         self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
@@ -133,6 +137,7 @@ class Settling(ContactView):
         answer = impact(matrix, v, shaped)
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
+        self.several = self.several or answer.several
         p = turn.T @ answer.p
         lost = float(-0.5 * answer.p @ (answer.v + v))
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
@@ -159,10 +164,29 @@ class Settling(ContactView):
         self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],
         leaving: Mapping[int, Array],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
-        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may."""
+        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may.
+
+        What acts goes by what is closed, and what is closed by what acts: they are made to agree.
+        """
+        scene, closed = self.systems.scene, frozenset(self.points[k].name for k in resting)
+        for _ in range(AGREE):
+            states, ways, refusal = self._modes_under(closed, y, resting, frames, speeds, leaving)
+            found = frozenset(self.points[k].name for k, state in states.items() if state in CLOSED)
+            if refusal or acting(scene, found) == acting(scene, closed):
+                return states, ways, refusal
+            closed = found
+        names = listed([self.points[k].name for k in resting])
+        why = "what acts while they are closed opens them, and without it they close; let it act in both, or in neither"
+        return {}, {}, f"programmes or forces by phase contradict what they do at the contacts {names}: {why}"
+
+    def _modes_under(
+        self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
+        speeds: Mapping[int, Array], leaving: Mapping[int, Array],
+    ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
+        """Return the same under what acts while some contacts are closed."""
         if not resting:
             return {}, {}, ""
-        found = self._probe(self.forces, y)
+        found = self._under_forces(y, closed)
         turn, rows = self._problem(resting, frames)
         shaped, known = [], {}
         for k, (normal, across) in zip(resting, rows, strict=True):
@@ -183,6 +207,7 @@ class Settling(ContactView):
         answer = modes(turn @ found.matrix @ turn.T, a, shaped)
         if isinstance(answer, Refusal):
             return {}, {}, self._why_not(answer, resting, "motion")
+        self.several = self.several or answer.several
         states, ways = {}, {}
         for at, (k, (_, across)) in enumerate(zip(resting, rows, strict=True)):
             if not answer.closed[at]:
@@ -209,7 +234,7 @@ class Settling(ContactView):
                 f"contact {point.name!r}: its point meets the surface with a speed that laws prescribe, and no impulse can stop "
                 "it; let the law end softly, or leave the length free"
             )
-        found, k = self._probe(self.impulses, self.y), taking[refusal.contact]
+        found, k = self._without_forces(self.y), taking[refusal.contact]
         x = found.jets[k, :3, 0]
         angle = self._angle_to(point)
         told = f" at {angle:.4g} rad" if angle is not None else ""

@@ -12,7 +12,7 @@ from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
-from vlmb.system.events import SLIPS
+from vlmb.system.events import HAPPENS, SLIPS
 
 Array = NDArray[np.float64]
 
@@ -95,6 +95,7 @@ def summarize(trajectory: Told, programme: str) -> str:
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
     lines += [f"  WARNING          {sentence}" for sentence in _off_the_ski(trajectory)]
     lines += _contacts(trajectory)
+    lines += _events(trajectory)
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
@@ -125,10 +126,24 @@ def _contacts(trajectory: Told) -> list[str]:
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
         what = "leg" if name in legs else "stop" if name in stops else "contact"
         lines.append(f"  {what:<17s}{name}: {pushed}; {when}")
+    times = [f"{event.t:.6g} s" for event in events if event.several]
+    if times:
+        when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
+        lines.append(f"  note             other modes of contacts were admissible, and the most sticking ones taken, at {when}")
     works = trajectory.work_by_force.items()
     taken = {what: work[-1] for what, work in works if what == "impacts" or what.startswith("friction ")}
     if trajectory.scene.touching or stops:
         lines.append(f"  lost             {', '.join(f'{what} {-work:.4g} J' for what, work in taken.items())}")
+    return lines
+
+
+def _events(trajectory: Told) -> list[str]:
+    """Tell when the events of the scene happened."""
+    lines = []
+    for event in trajectory.scene.events:
+        times = [f"{each.t:.6g} s" for each in trajectory.events if (each.kind, each.name) == (HAPPENS, event.name)]
+        when = ", ".join(times[:SHOWN]) or "never"
+        lines.append(f"  event            {event.name}: {when}" + (f", ... ({len(times)})" if len(times) > SHOWN else ""))
     return lines
 
 
@@ -140,7 +155,7 @@ def _through_the_ground(trajectory: Told) -> list[str]:
     if not scene.links:
         return []
     heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
-    above = min(float(values[0]) for values in heights.values())
+    above = min((float(values[0]) for values in heights.values()), default=-1.0)
     below = {name: np.flatnonzero(values < -UNDER) for name, values in heights.items()}
     first = min((int(found[0]), name) for name, found in below.items() if found.size) if any(map(len, below.values())) else None
     if above < -UNDER or max(float(values[0]) for values in heights.values()) <= UNDER or first is None:

@@ -22,6 +22,7 @@ from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import POINTS, Quantity
 from vlmb.model.reading import Postures
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
@@ -35,7 +36,7 @@ from vlmb.simulation.leg_histories import read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
-from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
+from vlmb.simulation.phases import Event, Phase, Stretch, begun, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
@@ -75,7 +76,7 @@ class Trajectory(Remade, Displayed):
     t0: float = 0.0  # [s] of the start
     doubts: tuple[str, ...] = ()  # contradictions in what was recorded, in sentences
     stretches: tuple[Stretch, ...] = ()  # how contacts stood in each phase, and which samples it has
-    events: tuple[Event, ...] = ()  # of contacts, in order
+    events: tuple[Event, ...] = ()  # of contacts and of the scene, in order
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -90,7 +91,7 @@ class Trajectory(Remade, Displayed):
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine, t, states, branch), {}
+        motion, looked = Motion(system, engine, t, states, branch, begun(stretches, len(t))), {}
         try:
             looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches)
             doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
@@ -110,7 +111,8 @@ class Trajectory(Remade, Displayed):
 
     @cached_property
     def _motion(self) -> Motion:
-        return Motion(self.system, self.engine, self.t, self.states, self.branch)
+        began = begun(self.stretches, len(self.t))
+        return Motion(self.system, self.engine, self.t, self.states, self.branch, began)
 
     @property
     def phases(self) -> tuple[Phase, ...]:
@@ -242,7 +244,7 @@ class Trajectory(Remade, Displayed):
         G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
         programme.
         """
-        return self._evaluations["conditions"] if self.scene.programme else read_only(np.zeros(0))
+        return self._evaluations["conditions"] if programmes_of(self.scene) else read_only(np.zeros(0))
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
@@ -305,8 +307,7 @@ class Trajectory(Remade, Displayed):
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
             "engine": self.engine, "t0": self.t0, "doubts": self.doubts,
         }  # fmt: skip
-        if self.stretches:
-            note |= phases_as_data(self.stretches, self.events)
+        note |= phases_as_data(self.stretches, self.events)
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def columns(self, points: bool = False, hinges: bool = False) -> Iterator[Column]:
@@ -335,7 +336,7 @@ class Trajectory(Remade, Displayed):
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
-        if self.scene.programme is None:
+        if not programmes_of(self.scene):
             return summarize(self, "")
         condition = np.fmax.reduce(self.conditions, initial=0.0)
         return summarize(self, f"{self._evaluations['report']}; condition of G up to {condition:.4g}")

@@ -7,7 +7,7 @@ surface. Where a point stands comes in as parameters, so that what is compiled f
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -21,11 +21,13 @@ from vlmb.errors import SceneError
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.model.tape import CompiledTape, Leaf, compile_tape
+from vlmb.scene.by_phase import acts, is_conditional, programme_at
 from vlmb.scene.contacts import surface_of
 from vlmb.scene.expressions import Expression, parse
 from vlmb.scene.legs import parameter, place_names
+from vlmb.scene.names import PHASE_START
 from vlmb.scene.scene import Scene
-from vlmb.scene.tables import BASE, Contact
+from vlmb.scene.tables import BASE, Contact, Force
 from vlmb.system.events import Event
 
 Array = NDArray[np.float64]
@@ -245,7 +247,7 @@ class ContactPoint:
         x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
         return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
 
-    def let_go(self, gap: float, before: Footing) -> Footing:
+    def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""
         return Footing(gap=min(gap, 0.0))
 
@@ -282,22 +284,36 @@ def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
     return tuple(found)
 
 
-def phase_scene(scene: Scene, points: Sequence[ContactPoint], footings: Sequence[Footing], bare: bool = False) -> Scene:
+def closed_names(points: Sequence[ContactPoint], footings: Sequence[Footing]) -> frozenset[str]:
+    """Return the names of closed contacts and of legs that stand."""
+    return frozenset(point.name for point, at in zip(points, footings, strict=True) if point.closed(at))
+
+
+def phase_scene(
+    scene: Scene, points: Sequence[ContactPoint], footings: Sequence[Footing], bare: bool = False, began: float = 0.0,
+    closed: Collection[str] | None = None,
+) -> Scene:  # fmt: skip
     """Return the scene of a phase: with the rows of closed contacts; `bare`: without forces and a programme.
 
-    It is not completed again: no user sees it.
+    It is not completed again: no user sees it. began : [s] when `phase_t` was 0; closed : what programmes and forces go by,
+    where the rows of it are not wanted. Raises SceneError where two programmes that act at once do not go together.
     """
+    closed = closed_names(points, footings) if closed is None else closed
     made: Scene = msgspec.Struct.__copy__(scene)  # type: ignore[attr-defined]
     rows = [text for point, at in zip(points, footings, strict=True) for text in point.row_texts(at)]
     numbers = {name: value for point, at in zip(points, footings, strict=True) for name, value in point.numbers(at).items()}
     changes: dict[str, object] = {
-        "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers},
+        "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers, PHASE_START: began},
+        "programme": None if bare else programme_at(scene, closed), "programmes": (),
+        "forces": () if bare else tuple(_always(force) for force in scene.forces if acts(force, closed)),
     }  # fmt: skip
-    if bare:
-        changes |= {"forces": (), "programme": None}
     for name, value in changes.items():
         msgspec.structs.force_setattr(made, name, value)
     return made
+
+
+def _always(force: Force) -> Force:
+    return msgspec.structs.replace(force, closed=(), open=()) if is_conditional(force) else force
 
 
 def work_names_of(points: Sequence[ContactPoint]) -> tuple[str, ...]:
@@ -315,6 +331,7 @@ class PhaseContacts:
     footings: tuple[Footing, ...]
     own: int  # constraints of the scene itself
     works: tuple[str, ...]  # of all work states
+    began: float = 0.0  # [s]
 
     @property
     def closed(self) -> list[tuple[ContactPoint, Footing, int, int]]:
@@ -343,8 +360,10 @@ class PhaseContacts:
 
     def numbers(self) -> dict[str, float]:
         """Return the parameters of their equations."""
-        pairs = zip(self.points, self.footings, strict=True)
-        return {name: value for point, footing in pairs for name, value in point.numbers(footing).items()}
+        found = {PHASE_START: self.began}
+        for point, footing in zip(self.points, self.footings, strict=True):
+            found |= point.numbers(footing)
+        return found
 
     def work_of(self) -> dict[str, str]:
         """Return the work state of each of these rows, by its text, where it may do work."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,11 +21,12 @@ from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
-from vlmb.model.quantities import QuantityTable
+from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
-from vlmb.scene.expressions import Equation, Expression
-from vlmb.scene.names import listed
+from vlmb.scene.by_phase import numbers_of
+from vlmb.scene.expressions import Equation, Expression, fold, parse_equation
+from vlmb.scene.names import PHASE_START, listed
 from vlmb.scene.tables import BOUNCE, Run
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STANDING, STILL, UNDER, Look, PhaseContacts
@@ -39,6 +40,7 @@ from vlmb.system.events import (
     FALLING,
     LIMIT,
     LINE_UP,
+    NAMED,
     OPENS,
     QUIET,
     REARMS,
@@ -56,6 +58,7 @@ from vlmb.system.programme import ProgrammePlan, control_channels, total_mass
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
+WAYS = {"down": FALLING, "up": RISING, "both": BOTH_WAYS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +96,12 @@ class CorePlan:
         parameters = np.array([float(numbers[name]) for name in self.table.parameters])
         rows = self.plant.rows._replace(grip=grip_of(contacts))
         return replace(self, plant=self.plant._replace(parameters=parameters, rows=rows), contacts=contacts)
+
+    def begun(self, t: float) -> CorePlan:
+        """Return this plan for a phase that began at a time [s]."""
+        parameters = np.array(self.plant.parameters)
+        parameters[[at for at, name in enumerate(self.table.parameters) if name == PHASE_START]] = t
+        return replace(self, plant=self.plant._replace(parameters=parameters))
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -152,7 +161,7 @@ def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
     inputs: Sequence[str] | None, work_names: Sequence[str], constraints: ConstraintSet | None = None,
     programme: ProgrammePlan | None = None, watching: bool = False, contacts: PhaseContacts | None = None,
-    until: Expression | None = None,
+    until: Expression | None = None, ends_at: str = "",
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
@@ -167,7 +176,8 @@ def make_core_plan(
     """
     sliding = watching or run.knife_edge != "reduction"
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
-    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
+    numbers = numbers_of(scene)
+    table = QuantityTable(mechanism.names, arrays, tuple(numbers), mechanism.signals)
     works = {name: at for at, name in enumerate(work_names)}
     roots: list[Expression | Equation] = []
     laws, forces, acting = list[tuple[str, str]](), [], list[GeneralizedForce]()
@@ -198,6 +208,8 @@ def make_core_plan(
     seen = len(roots)
     looks = [] if contacts is None else contacts.looks
     roots += [] if contacts is None else [*contacts.roots, *(look.expression for look in looks)]
+    named = len(roots)
+    roots += named_events(mechanism)
     roots += [] if until is None else [until]
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
@@ -211,10 +223,17 @@ def make_core_plan(
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
         tape = _watch_contacts(contacts, looks, compiled, seen, light, watch, bounds, events)
+    for k, event in enumerate(scene.events):
+        watch.append((core.SWITCH, len(tape.switch) + k))
+        bounds.append((1.0, 0.0))
+        ends = f"{event.name}: {event.when}" if event.end or event.name == ends_at else ""
+        events.append(Event(NAMED, WAYS[event.direction], event.name, ends))
+    if scene.events:
+        tape = _with_switches(tape, range(named, named + len(scene.events)))
     if until is not None:
         watch.append((core.SWITCH, len(tape.switch)))
         bounds.append((1.0, 0.0))
-        events.append(Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0))
+        events.append(Event(NAMED, FALLING, until.text, f"{until.text} fell through 0"))
         tape = _with_switches(tape, [len(roots) - 1])
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
@@ -222,7 +241,7 @@ def make_core_plan(
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=tape,
-        parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
+        parameters=np.array([float(numbers[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
         bound=np.array(bounds, float).reshape(-1, 2), rows=rows, sliding=np.array(friction if centre >= 0 else ()),
@@ -233,6 +252,16 @@ def make_core_plan(
         mechanism, arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
         programme.names if programme is not None else (), programme, contacts, seen,
     )  # fmt: skip
+
+
+def named_events(mechanism: Mechanism) -> list[Expression]:
+    """Return the expressions, left - right, of the events of a scene. Raises ExpressionError."""
+    allowed, found = allowed_names(mechanism.names, numbers_of(mechanism.scene), mechanism.signals), list[Expression]()
+    for index, event in enumerate(mechanism.scene.events):
+        equation = parse_equation(event.when, f"events[{index}].when", allowed)
+        tree = fold("-", [equation.left.tree, equation.right.tree])
+        found.append(Expression(equation.text, equation.names, f"events[{index}].when", tree))
+    return found
 
 
 def _watch_contacts(
@@ -266,7 +295,7 @@ def _watch_contacts(
     return _with_switches(tape, [*gaps, *range(after, after + len(looks))])
 
 
-def _with_switches(tape: op.Tape, roots: Sequence[int]) -> op.Tape:
+def _with_switches(tape: op.Tape, roots: Iterable[int]) -> op.Tape:
     """Return a tape with more that is looked at after a step: the values of roots."""
     more = [[int(tape.root[root]), -1, op.EDGE, op.OF_STATE] for root in roots]
     return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(more, np.int64)]))

@@ -6,6 +6,7 @@ sphere around its foot, whose normal force is the leg's. Neither has a state whi
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +16,7 @@ from vlmb.model.laws import Law, time_law
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.expressions import parse
-from vlmb.scene.legs import Standing, index_of, place_names, reach_text, swing_gap_text
+from vlmb.scene.legs import Standing, index_of, law_text, place_names, swing_gap_text
 from vlmb.scene.tables import BASE, Contact, Leg
 from vlmb.system.contacts import HELD, LIGHT, OPEN, SLIDING, STANDING, ZERO, ContactPoint, Footing, Look, Surface, Vector
 from vlmb.system.events import CONTACT, FALLING, LETS_GO, LIMIT, TIPS, Event
@@ -29,9 +30,11 @@ class LegPoint(ContactPoint):
 
     leg: Leg
     plane: bool
-    reach: Law = field(repr=False)  # its length while it swings
-    attack: Law = field(repr=False)
-    heading: Law = field(repr=False)
+    parameters: tuple[tuple[str, float], ...] = field(repr=False)  # of the scene
+
+    def law(self, law: float | str, since: float | None = None) -> Law:
+        """Return one of its laws, with `phase_t` as the time since a number [s]; as 0 without."""
+        return _law_of(law_text(law, "" if since is None else repr(float(since))), self.parameters, f"legs of {self.name}")
 
     @property
     def sprung(self) -> bool:
@@ -46,7 +49,7 @@ class LegPoint(ContactPoint):
     @property
     def moving(self) -> bool:
         """Whether its length may do work on its own."""
-        return not self.sprung and "t" in self.reach.expression.names
+        return not self.sprung and "t" in self.law(self.leg.reach, 0.0).expression.names
 
     @property
     def carried(self) -> str:
@@ -75,8 +78,12 @@ class LegPoint(ContactPoint):
     def gap_text(self, footing: Footing) -> str:
         """Return what is 0 where it lands, and, while a law holds its length, what that keeps at 0."""
         if not self.closed(footing):
-            return swing_gap_text(self.leg, self.plane)
-        return f"{self.standing.length} - {reach_text(self.leg)}"
+            return swing_gap_text(self.leg, self.plane, self.parameter("t"))
+        return f"{self.standing.length} - {self.reach_text(footing)}"
+
+    def reach_text(self, footing: Footing) -> str:
+        """Return its length by its law, or at rest."""
+        return law_text(self.leg.reach, self.parameter("t") if self.closed(footing) else "")
 
     def row_texts(self, footing: Footing) -> tuple[str, ...]:
         """Return the equation of its law while it stands."""
@@ -88,7 +95,7 @@ class LegPoint(ContactPoint):
         name = f"the leg {self.name!r}"
         if not self.sprung:
             short = Event(LIMIT, FALLING, self.name, f"the law of {name} makes it shorter than 0", slack=0.0)
-            found.append(Look(parse(reach_text(leg), "legs"), short))
+            found.append(Look(parse(self.reach_text(footing), "legs"), short))
         if self.closed(footing):
             down = f"the point of {name} came down to its foot: no leg is shorter than 0; take a stiffer one"
             found.append(Look(parse(self.standing.height, "legs"), Event(LIMIT, FALLING, self.name, down, slack=0.0)))
@@ -99,15 +106,15 @@ class LegPoint(ContactPoint):
                 found.append(Look(parse(self.standing.force, "legs"), Event(CONTACT, FALLING, LETS_GO, "", self.index, light)))
         return tuple(found)
 
-    def foot_at(self, t: float, place: Array) -> Vector:
+    def foot_at(self, t: float, place: Array, footing: Footing) -> Vector:
         """Return where its foot is when it lands with its point at a place [m]."""
-        x, y, _ = self.hangs_to(t, place)
+        x, y, _ = self.hangs_to(t, place, footing)
         return x, y, 0.0
 
-    def hangs_to(self, t: float, place: Array) -> Vector:
+    def hangs_to(self, t: float, place: Array, footing: Footing) -> Vector:
         """Return where its foot is while it swings; of one that never lands below its point."""
-        length, heading = self.reach.value(t), self.heading.value(t)
-        attack = self.attack.value(t) if self.lands else 0.5 * np.pi
+        length, heading = self.law(self.leg.reach).value(t), self.law(self.leg.heading, footing.since).value(t)
+        attack = 0.5 * np.pi if self.leg.attack is None else self.law(self.leg.attack, footing.since).value(t)
         ahead = length * np.cos(attack)
         y = 0.0 if self.plane else float(place[1] + ahead * np.sin(heading))
         return float(place[0] + ahead * np.cos(heading)), y, float(place[2] - length * np.sin(attack))
@@ -118,13 +125,14 @@ class LegPoint(ContactPoint):
         """Return the footing of a leg that stands; its foot is where it is before."""
         return Footing(state, before.place if before else ZERO, since=t)
 
-    def let_go(self, gap: float, before: Footing) -> Footing:
+    def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a leg that lets go: its foot stays known."""
-        return Footing(place=before.place)
+        return Footing(place=before.place, since=t)
 
     def numbers(self, footing: Footing) -> dict[str, float]:
         """Return the parameters of its equations in a phase: where its foot is, or was, and whether it stands."""
-        found = {self.parameter("gap"): 0.0, **{self.parameter(axis): at for axis, at in zip(AXES, footing.place, strict=True)}}
+        found = {self.parameter("gap"): 0.0, self.parameter("t"): footing.since}
+        found |= {self.parameter(axis): at for axis, at in zip(AXES, footing.place, strict=True)}
         return found | ({self.parameter("stands"): 1.0} if self.closed(footing) else {})
 
     def row_vectors(self, footing: Footing, slope: Array) -> Array:
@@ -137,7 +145,7 @@ class LegPoint(ContactPoint):
         length = max(float(np.linalg.norm(away)), 1e-300)
         rate = float(away @ v) / length
         second = (float(v @ v) + float(away @ a) - rate * rate) / length
-        return np.array([length, rate, second]) - np.array(self.reach.jet(t))
+        return np.array([length, rate, second]) - np.array(self.law(self.leg.reach, footing.since).jet(t))
 
     def grips(self, place: Array, footing: Footing) -> bool:
         """Whether a force from its foot to a place is in the cone of friction."""
@@ -165,15 +173,12 @@ def leg_points(mechanism: Mechanism) -> tuple[LegPoint, ...]:
         key = f"legs[{k}]"
         if leg.from_ != BASE:
             mechanism.names.point(leg.from_, f"{key}.from")
-
-        def law(what: str, value: float | str, key: str = key) -> Law:
-            return time_law(value, scene.parameters, f"{key}.{what}")
-
-        contact = Contact(point=leg.from_, name=leg.name, friction=0.0)
-        found.append(
-            LegPoint(
-                index_of(scene, k), contact, place_names(leg.from_, scene.plane), Surface(parse("z"), {}), leg, scene.plane,
-                law("length", leg.reach), law("attack", leg.attack or 0.0), law("heading", leg.heading),
-            )
-        )  # fmt: skip
+        contact, names = Contact(point=leg.from_, name=leg.name, friction=0.0), place_names(leg.from_, scene.plane)
+        parameters = tuple(scene.parameters.items())
+        found.append(LegPoint(index_of(scene, k), contact, names, Surface(parse("z"), {}), leg, scene.plane, parameters))
     return tuple(found)
+
+
+@functools.lru_cache(maxsize=512)
+def _law_of(text: str, parameters: tuple[tuple[str, float], ...], key: str) -> Law:
+    return time_law(text, dict(parameters), key)

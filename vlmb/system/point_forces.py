@@ -19,6 +19,8 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES, DOT, LOST, STORED, GeneralizedForce, PointEnd
 from vlmb.model.quantities import SQUARE, allowed_names
 from vlmb.model.reading import Postures
+from vlmb.scene.by_phase import NOTHING as NOTHING_CLOSED
+from vlmb.scene.by_phase import acts, numbers_of
 from vlmb.scene.expressions import Expression, Tree, parse
 from vlmb.scene.legs import standing_of, stands
 from vlmb.scene.tables import BASE, SURFACE, Force, Place, Spring
@@ -35,11 +37,16 @@ class Acting(NamedTuple):
     law: Expression
 
 
-def scene_forces(mechanism: Mechanism) -> list[Acting]:
-    """Return all forces of a scene that have a law, those of springs between points and of drag last. Raises SceneError."""
+def scene_forces(mechanism: Mechanism, every: bool = False) -> list[Acting]:
+    """Return all forces of a scene that have a law, those of springs between points and of drag last. Raises SceneError.
+
+    With contacts these are the forces that act while all are open; `every`: those of any phase.
+    """
     scene, found = mechanism.scene, list[Acting]()
-    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
+    allowed = allowed_names(mechanism.names, numbers_of(scene), mechanism.signals)
     for index, force in enumerate(scene.forces):
+        if not (every or acts(force, NOTHING_CLOSED)):
+            continue
         key = f"forces[{index}]"
         if force.on is not None and force.law is not None:
             found.append(Acting(mechanism.names.force(force.on, f"{key}.on"), parse(force.law, f"{key}.law", allowed)))

@@ -12,7 +12,8 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import force_along, quantity_of
 from vlmb.scene.expressions import parse
 from vlmb.scene.tables import BOUNCE, Contact
-from vlmb.system.contacts import ContactPoint, Surface
+from vlmb.system.contacts import ContactPoint, Surface, contact_points
+from vlmb.system.legs import leg_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,3 +39,8 @@ def stop_points(mechanism: Mechanism) -> tuple[StopPoint, ...]:
                 names = (c.name, "", "")
                 found.append(StopPoint(first + len(found), contact, names, Surface(parse(surface), {}), force_along(c)))
     return tuple(found)
+
+
+def all_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
+    """Return the contacts of a mechanism, then its legs, then its stops. Raises SceneError, ExpressionError."""
+    return (*contact_points(mechanism), *leg_points(mechanism), *stop_points(mechanism))

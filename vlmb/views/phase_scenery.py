@@ -129,7 +129,7 @@ def _feet(point: LegPoint, stretches: tuple[Stretch, ...], at: NDArray[np.int64]
             found[own] = footing.place
             continue
         for i in np.flatnonzero(own):
-            found[i] = point.hangs_to(float(when[i]), places[i])
+            found[i] = point.hangs_to(float(when[i]), places[i], footing)
     return found
 
 
