@@ -76,7 +76,7 @@ class Mechanism(Remade, Displayed):
     @cached_property
     def names(self) -> Names:
         """Every name that equations, forces, tables and figures of this mechanism may use."""
-        return Names(self.layout)
+        return Names(self.layout, tuple(leg.name for leg in self.scene.legs))
 
     @property
     def signals(self) -> Signals:

@@ -45,7 +45,7 @@ def why_not(name: str) -> str:
 
 def check_names(
     links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (),
-    robots: Sequence[str] = (), events: Sequence[str] = (),
+    robots: Sequence[str] = (), events: Sequence[str] = (), legs: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 
@@ -77,6 +77,11 @@ def check_names(
         if kind and contact.name not in RESERVED:
             raise SceneError(f"{shown}: this name is that of {kind}; choose another")
         take(contact.name, f"contacts[{index}]", shown)
+    for index, name in enumerate(legs):
+        kind = kind_of(name)
+        if kind and name not in RESERVED:
+            raise SceneError(f"legs[{index}].name = {name!r}: this name is that of {kind}; choose another")
+        take(name, f"legs[{index}]", f"legs[{index}].name = {name!r}")
     for index, name in enumerate(robots):
         take(name, f"robots[{index}]", f"robots[{index}].name = {name!r}")
     for index, name in enumerate(events):

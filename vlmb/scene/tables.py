@@ -18,6 +18,7 @@ Place: TypeAlias = str | tuple[float, float, float]  # a point of a link, or a f
 SURFACE = "surface"  # the frame of forces that is no link's
 
 BASE = "base"
+BOUNCE = "bounce"
 FIXED_STEP = ("euler", "rk4", "gauss")
 DEFAULT_STEP = 1e-3  # [s]
 
@@ -85,6 +86,8 @@ class Segment(Table, frozen=True, kw_only=True):
     damping: NonNegative = 0.0  # [N s/m]
     rest: float | None = None  # [m], default: length
     limits: tuple[float, float] | None = None  # [m], default (0, inf)
+    at_limit: Literal["end", "bounce"] = "end"  # what happens there: the run ends, or the length strikes a stop
+    restitution: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0  # of that stop; 0 holds until the force pulls back
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -156,6 +159,26 @@ class Contact(Table, frozen=True, kw_only=True):
     def slips(self) -> bool:
         """Whether friction is finite and more than nothing, so that sliding takes energy."""
         return self.friction not in ("rough", 0.0)
+
+
+class Leg(Table, frozen=True, kw_only=True):
+    """A massless leg: nothing while it swings, a push along foot -> point while it stands on z = 0."""
+
+    from_: str = msgspec.field(name="from")  # legs.tip; "base" is the first hinge of a free base
+    name: Name = ""
+    length: Positive | None = None  # [m] at rest
+    stiffness: NonNegative = 0.0  # [N/m]
+    damping: NonNegative = 0.0  # [N s/m]
+    law: Law | None = None  # [m], of t and parameters, instead of stiffness: its length while it stands
+    attack: Law | None = None  # [rad] elevation of foot -> point while it swings, of t and parameters; default: it never lands
+    heading: Law = 0.0  # [rad] azimuth of the foot from the point while it swings
+    friction: Positive | Literal["rough"] = "rough"  # a force outside the cone: it lets go
+    foot: tuple[float, float] | None = None  # [m] x and y: it stands at the start; default: it swings
+
+    @property
+    def reach(self) -> Law:
+        """What its length [m] is while it swings: that at rest, or the law's."""
+        return self.law if self.law is not None else self.length or 0.0
 
 
 class UserEvent(Table, frozen=True, kw_only=True):
@@ -294,6 +317,17 @@ class SceneTables(Table, frozen=True, kw_only=True):
     programme: Programme | None = None
     programmes: tuple[Programme, ...] = ()  # instead of `programme`: those that act at an instant are united
     contacts: tuple[Contact, ...] = ()
+    legs: tuple[Leg, ...] = ()
     events: tuple[UserEvent, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone
+
+    @property
+    def touching(self) -> tuple[str, ...]:
+        """Names of contacts, then of legs."""
+        return (*(contact.name for contact in self.contacts), *(leg.name for leg in self.legs))
+
+    @property
+    def closing(self) -> tuple[str, ...]:
+        """Names of all that opens and closes: those, and a ski that may leave the snow."""
+        return (*self.touching, *(("ski",) if self.base.lift else ()))

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import BASE
 from vlmb.simulation.histories import forces_along
 from vlmb.simulation.phases import Stretch
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, ContactPoint, row_texts
+from vlmb.system.contacts import AWAY, CLOSED, STANDING, ContactPoint
 from vlmb.system.frames import LinkFrames
+from vlmb.system.legs import LegPoint
 from vlmb.system.sharing import Foot, least_shares
-from vlmb.system.slips import force_of
+from vlmb.system.slips import force_of, motion_of
+from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -51,15 +52,19 @@ def _in_phase(
     for point, footing in zip(system.points, stretch.footings, strict=True):
         forces = np.zeros((len(taken[0]), 3))
         headings = np.array([np.cos(seen.heading[own]), np.sin(seen.heading[own])]).T
-        if footing.state in CLOSED:
-            rows = row_texts(point, footing)
+        if isinstance(point, LegPoint) and footing.state == STANDING:
+            places, speeds = (values[own] for values in motion_of(point, seen))
+            for i in range(len(forces)):
+                forces[i] = point.pushes(places[i], speeds[i], footing) * point.slope(0.0, places[i], footing)
+        elif footing.state in CLOSED:
+            rows = point.row_texts(footing)
             texts |= {*rows}
             multipliers = np.array([reactions[text] for text in rows] or np.zeros((0, len(forces)))).T
             places, speeds = (values[own] for values in motion_of(point, seen))
             for i, t in enumerate(taken[0].tolist()):
                 forces[i] = force_of(point, footing, t, places[i], speeds[i], multipliers[i], tuple(headings[i].tolist()))
+        reactions[point.name] = read_only(forces[:, 0] if isinstance(point, StopPoint) else forces)
         if point.edge is None:
-            reactions[point.name] = read_only(forces)
             continue
         left = np.column_stack([-headings[:, 1], headings[:, 0]])
         known = {"knife_edge": (forces[:, :2] * left).sum(axis=1), "friction": (forces[:, :2] * headings).sum(axis=1)}
@@ -67,7 +72,8 @@ def _in_phase(
         if footing.state not in CLOSED:
             reactions |= dict.fromkeys(("roll_moment", "pitch_moment"), read_only(np.zeros(len(forces))))
     nowhere = read_only(np.full(len(taken[0]), np.nan))
-    if sum(footing.state in CLOSED for footing in stretch.footings) > 1:
+    pairs = zip(system.points, stretch.footings, strict=True)
+    if sum(footing.state in CLOSED and type(point) is ContactPoint for point, footing in pairs) > 1:
         reactions |= _shared_out(phase, stretch, taken, reactions)
     kept = {row.name: (nowhere, nowhere) for row in rows_of(system.mechanism.scene).servo}  # of programmes that do not act
     kept |= {name: values for name, values in found["residuals"].items() if name not in texts}
@@ -86,7 +92,7 @@ def _shared_out(
     Nothing where the forces are determined.
     """
     plane, pairs = phase.mechanism.scene.plane, zip(phase.points, stretch.footings, strict=True)
-    closed = [(point, footing) for point, footing in pairs if footing.state in CLOSED and point.edge is None]
+    closed = [(point, footing) for point, footing in pairs if footing.state in CLOSED and type(point) is ContactPoint]
     axes = [0, 2] if plane else [0, 1, 2]
     places = ConstraintSet(phase.mechanism, [(f"{p.names[axis]} = 0", "contacts", True) for p, _ in closed for axis in axes])
     frames, found = LinkFrames(phase.mechanism), {p.name: np.array(reactions[p.name]) for p, _ in closed}
@@ -99,7 +105,8 @@ def _shared_out(
         for k, (point, footing) in enumerate(closed):
             own, place = slice(len(axes) * k, len(axes) * (k + 1)), np.zeros(3)
             place[axes] = seen.z[own]
-            frame = point.frame(t, place, plane)[0][[0, 2]][:, axes] if plane else point.frame(t, place, plane)[0]
+            frame = point.frame(t, place, plane, footing)[0]
+            frame = frame[[0, 2]][:, axes] if plane else frame
             turn[own, own] = frame
             last, way = own.stop - 1, frame[:-1] @ np.array(footing.towards)[axes]
             slide = tuple((-point.coefficient * way).tolist()) if point.slides(footing) else ()
@@ -114,15 +121,6 @@ def _shared_out(
     return {name: read_only(values) for name, values in found.items()}
 
 
-def motion_of(point: ContactPoint, seen: Postures) -> tuple[Array, Array]:
-    """Return places and velocities (N, 3) of a contact's point."""
-    if point.contact.point == BASE:
-        return seen.place, seen.velocity_of_place
-    link, _, which = point.contact.point.partition(".")
-    at = [entry.name for entry in seen.layout.links].index(link)
-    return seen.position(at, which), seen.velocity(at, which)
-
-
 def _joined(parts: Sequence[Any]) -> Any:
     """Put values of phases one after the other; texts that differ, too."""
     if isinstance(parts[0], dict):
@@ -132,3 +130,18 @@ def _joined(parts: Sequence[Any]) -> Any:
     if isinstance(parts[0], str):
         return "; ".join(dict.fromkeys(filter(None, parts)))
     return read_only(np.concatenate(parts))
+
+
+def lowest_gaps(system: System, stretches: Sequence[Stretch], t: Array, seen: Postures) -> dict[str, float]:
+    """Return the lowest gap [m] of each contact, without the time in which its `when` has refused it; none of legs."""
+    found = {}
+    for point in system.points:
+        if isinstance(point, LegPoint):
+            continue
+        places, lowest = motion_of(point, seen)[0], np.inf
+        for stretch in stretches:
+            if stretch.footings[point.index].state != AWAY:
+                own = range(stretch.first, stretch.last)
+                lowest = min([lowest, *(point.gap(float(t[i]), places[i]) for i in own)])
+        found[point.name] = float(lowest)
+    return found

@@ -16,27 +16,28 @@ from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.simulation.breaks import breaks_of, require_going_on
 from vlmb.simulation.contact_view import Engine
+from vlmb.simulation.leg_steps import NEAR, LegSteps
 from vlmb.simulation.loop import Loop, Recorded
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phases import Event, Stretch
 from vlmb.simulation.samples import Samples, samples_of
-from vlmb.simulation.settling import Outcome, Settling
+from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.forces import Control
+from vlmb.system.legs import LegPoint
 from vlmb.system.pace import longest_steps
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
-NEAR = 1e-9  # [m] a gap that counts as none
 MANY, SPAN = 1000, 0.1  # more events within so many seconds end a run
 
 
-class PhasedRun(Settling):
+class PhasedRun(LegSteps):
     """Takes a state through all phases; to its caller it is what a Loop is."""
 
     def __init__(
@@ -157,7 +158,7 @@ class PhasedRun(Settling):
         """Find how contacts stand at the start. Raises SceneError for a start under a surface."""
         found = self._without_forces(self.y)
         footings, near = [], []
-        for point, jet in zip(self.points, found.jets, strict=True):
+        for point, jet in zip(self.points[: len(self.points) - len(self.legs)], found.jets, strict=False):
             gap = self._gap(point, jet)
             refused = gap < NEAR_AT_START and not self._allows(point, self.y)
             if gap < -NEAR_AT_START and not refused:
@@ -169,7 +170,10 @@ class PhasedRun(Settling):
             footings.append(Footing(AWAY if refused else OPEN, gap=left))
             if abs(gap) <= NEAR_AT_START and not refused:
                 near.append(point.index)
-        return self._settled(None, tuple(footings), near, set(), {})
+        footings += self._legs_at_start(found.jets)
+        lawful = [point for point in self.legs if footings[point.index].state == SLIDING]
+        held, landing = [leg.index for leg in lawful], [leg.index for leg in lawful if leg.leg.foot is None]
+        return self._settled(None, tuple(footings), [*near, *held], set(), {}, landing)
 
     def _after(self, hit: Watched, mover: Engine, footings: tuple[Footing, ...]) -> Outcome:
         """Return what follows the event of a contact."""
@@ -180,23 +184,32 @@ class PhasedRun(Settling):
             why = "they would never end; a restitution of 0 ends them"
             return Outcome(footings, self.y, None, f"{MANY} events of contacts within {SPAN} s ({names}): {why}")
         if hit.name == REARMS:
-            return Outcome(_with(footings, c, Footing()), self.y)
+            return Outcome(_with(footings, c, footings[c]._replace(state=OPEN)), self.y)
         if hit.name == TOUCHES and not self._allows(self.points[c], self.y):
             return Outcome(_with(footings, c, Footing(AWAY)), self.y)
+        self.standing = footings
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
+        before, (hit, stand, landing, lost) = footings, self._with_legs(hit, footings)
+        footings = tuple(stand)
+        self._take_lost(lost)
         jets = self._without_forces(self.y).jets
-        near = [c]
+        near = [c] if not isinstance(self.points[c], LegPoint) else []
         for point, jet, at in zip(self.points, jets, footings, strict=True):
-            if at.state in CLOSED or (at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR and point.index != c):
+            touches = not isinstance(point, LegPoint) and at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR
+            if at.state in CLOSED or (touches and point.index != c):
                 near.append(point.index)
         opening, leaving = set[int](), dict[int, tuple[int, Array]]()
         if hit.name == OPENS:
             weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
             carry = [k for k in forces if footings[k].state != RESTING]
             opening = {k for k in carry if forces[k][2] <= LIGHT * weight} | {c}
-        elif hit.name == SLIPS:
+        elif hit.name == SLIPS and c in forces:
             leaving[c] = hit.part, forces[c][:2]
-        return self._settled(hit, footings, sorted(set(near)), opening, leaving)
+        near, landing = sorted(set(near)), [k for k in landing if footings[k].state in CLOSED]
+        out = self._settled(hit, footings, near, opening, leaving, landing, before)
+        if not lost or out.event is None:
+            return out
+        return out._replace(event=out.event._replace(lost=out.event.lost + lost))
 
 
 def _finished(last: float) -> tuple[str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
-from vlmb.system.contacts import CLOSED, SLIDING, ContactPoint, Footing
+from vlmb.system.contacts import SLIDING, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOLD, TOUCHES
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def phases_of(points: Sequence[ContactPoint], stretches: Sequence[Stretch]) -> t
     found: list[Phase] = []
     for stretch in stretches:
         states = list(zip(points, stretch.footings, strict=True))
-        closed = tuple(point.name for point, at in states if at.state in CLOSED)
+        closed = tuple(point.name for point, at in states if point.closed(at))
         slipping = tuple(point.name for point, at in states if at.state == SLIDING and point.contact.slips)
         if found and stretch.quiet:
             found[-1] = found[-1]._replace(end=stretch.end)

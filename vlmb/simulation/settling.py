@@ -18,7 +18,7 @@ from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
 from vlmb.system.cone import Contact, Refusal, impact, modes
-from vlmb.system.contacts import AWAY, CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, Footing, footing_at
+from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
@@ -53,17 +53,21 @@ class Settling(ContactView):
 
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
-        leaving: Mapping[int, tuple[int, Array]],
+        leaving: Mapping[int, tuple[int, Array]], landing: Collection[int] = (), before: Sequence[Footing] | None = None,
     ) -> Outcome:  # fmt: skip
         """Return what follows for the contacts that are closed or touch: an impact where one approaches, then their modes.
 
-        opening : those whose normal force has become 0; leaving: those at the edge of their cones, which grip, and their friction
+        opening : those whose normal force has become 0; leaving: those at the edge of their cones, which grip, their friction;
+        landing: legs with a law, which are closed in `footings`; before: how contacts stood before legs landed or let go
         """
+        self.standing, before = footings, footings if before is None else before
         y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
         found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
-        strikes = [k for k in near if footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired)]
+        strikes = [
+            k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
+        ]
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
@@ -89,13 +93,13 @@ class Settling(ContactView):
             state, place = states.get(k, OPEN), found.jets[k, :3, 0]
             if state == OPEN:
                 gap = float(found.jets[k, 3, 0])
-                after[k] = Footing(gap=min(gap, 0.0)) if at.state in CLOSED or k in strikes or k in taking else at
+                after[k] = point.let_go(self.t, gap, at) if at.state in CLOSED or k in strikes or k in taking else at
             elif state == HELD and at.state == HELD and point.edge is None:
                 after[k] = at
             else:
                 ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
-                after[k] = footing_at(point, state, self.t, place, self.plane, (ahead, aside, up))
-        event, happened = self._event(hit, footings, after, strikes, told), self._happened(footings, after, strikes)
+                after[k] = point.footing_at(state, self.t, place, self.plane, (ahead, aside, up), at)
+        event, happened = self._event(hit, before, after, strikes, told), self._happened(hit, before, after, strikes)
         shared, _ = self._carried_by_others(y, tuple(after), resting, frames, set())
         return Outcome(shared or tuple(after), y, event, "", happened)
 
@@ -108,7 +112,7 @@ class Settling(ContactView):
         on them are let go, too
         """
         closed = [k for k in among if footings[k].state in CLOSED]
-        if len(closed) < 2 or any(self.points[k].edge is not None for k in closed):
+        if len(closed) < 2 or any(type(self.points[k]) is not ContactPoint for k in closed):
             return None, set()
         found = self._under_forces(y, frozenset(self.points[k].name for k in closed))
         turn, rows = self._problem(closed, frames)
@@ -132,15 +136,21 @@ class Settling(ContactView):
             if k not in carry:
                 after[k] = footings[k]._replace(state=RESTING)
             elif footings[k].state == RESTING:
-                after[k] = footing_at(self.points[k], HELD, self.t, found.jets[k, :3, 0], self.plane)
+                after[k] = self.points[k].footing_at(HELD, self.t, found.jets[k, :3, 0], self.plane)
         return tuple(after), set()
 
-    def _happened(self, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]) -> frozenset[str]:
+    def _happened(
+        self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]
+    ) -> frozenset[str]:
         """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
         found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
+        if hit is not None and hit.name == SLIPS and not self.points[hit.which].closed(after[hit.which]):
+            found.add(f"{SLIPS} {self.points[hit.which].name}")  # a leg outside its cone
         for point, one, other in zip(self.points, before, after, strict=True):
-            if one.state in CLOSED and other.state == OPEN:
+            if point.closed(one) and not point.closed(other):
                 found.add(f"{OPENS} {point.name}")
+            elif point.closed(other) and not point.closed(one):
+                found.add(f"{TOUCHES} {point.name}")
             elif (told_state(one), told_state(other)) in ((HELD, SLIDING), (SLIDING, HELD)):
                 found.add(f"{SLIPS if other.state == SLIDING else STICKS} {point.name}")
         return frozenset(found)
@@ -152,8 +162,7 @@ class Settling(ContactView):
         """Return what is told of an event; nothing at a start without an impact."""
         if hit is None and not strikes:
             return None
-        shown = {OPEN: "open", AWAY: "open", HELD: "held", RESTING: "held", SLIDING: "sliding"}
-        mode = {point.name: shown[at.state] for point, at in zip(self.points, after, strict=True)}
+        mode = {point.name: point.shown(at) for point, at in zip(self.points, after, strict=True)}
         changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if told_state(one) != told_state(other)]
         first = strikes[0] if hit is None else hit.which
         kind = TOUCHES if strikes else OPENS if hit is None else hit.name
@@ -185,7 +194,10 @@ class Settling(ContactView):
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
         if lost < -GAIN * scale:
             names = listed([self.points[k].name for k in taking])
-            why = "with friction, different restitutions of contacts that meet at once do not go together; give them the same one"
+            why = (
+                "with friction, restitution may give back more than there was, with one value for all contacts too (Kane's "
+                "paradox); take a smaller restitution, or less friction"
+            )
             return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
         y = np.array(self.y)
         y[len(y) - len(found.moved) :] += found.moved @ p
@@ -195,7 +207,7 @@ class Settling(ContactView):
             if self.points[k].moving:
                 force, jet = p[3 * k : 3 * k + 3], found.jets[k]
                 carried = jet[:3, 1] - frames[k].T @ before[k]
-                y[first + works.index(f"surface {self.points[k].name}")] += float(force @ carried)
+                y[first + works.index(self.points[k].carried)] += float(force @ carried)
         named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
         return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
 

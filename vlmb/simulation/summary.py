@@ -13,7 +13,7 @@ from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
 from vlmb.system.contacts import RESTING
-from vlmb.system.events import HAPPENS
+from vlmb.system.events import HAPPENS, SLIPS
 
 Array = NDArray[np.float64]
 
@@ -55,6 +55,8 @@ class Told(Protocol):
     def events(self) -> Sequence[Any]: ...  # noqa: D102
     @property
     def stretches(self) -> Sequence[Any]: ...  # noqa: D102
+    @property
+    def lowest_gaps(self) -> Mapping[str, float]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def power(self, name: str) -> Array: ...  # noqa: D102
 
@@ -113,23 +115,31 @@ def _contacts(trajectory: Told) -> list[str]:
     lines, events = [], trajectory.events
     if trajectory.scene.base.lift:
         lines.append(f"  ski              {_when([event for event in events if 'ski' in event.contacts])}")
-    for contact in trajectory.scene.contacts:
-        own = [event for event in events if contact.name in event.contacts]
+    legs = {leg.name for leg in trajectory.scene.legs}
+    stops = [name for name in trajectory.lowest_gaps if name.endswith((".min", ".max"))]
+    for name in (*trajectory.scene.touching, *stops):
+        own = [event for event in events if name in event.contacts]
         when = _when(own)
-        force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
-        impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
+        left = sum(event.kind == SLIPS and event.name == name for event in own) if name in legs else 0
+        when += f"; WARNING: it let go {left} times because its force left its cone" if left else ""
+        pushes = trajectory.reactions[name]
+        force = largest(pushes if pushes.ndim == 1 else np.linalg.norm(pushes, axis=1))
+        impulses = [float(np.linalg.norm(event.impulses[name])) for event in own if name in event.impulses]
+        gap = trajectory.lowest_gaps.get(name)
+        when += "" if gap is None else f"; lowest gap {gap:.2g} m"
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
-        lines.append(f"  contact          {contact.name}: {pushed}; {when}")
+        what = "leg" if name in legs else "stop" if name in stops else "contact"
+        lines.append(f"  {what:<17s}{name}: {pushed}; {when}")
     if any(footing.state == RESTING for stretch in trajectory.stretches for footing in stretch.footings):
         lines.append("  note             contacts share a load: forces are the least admissible ones, their sum is determined")
     times = [f"{event.t:.6g} s" for event in events if event.several]
     if times:
         when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
-        lines.append(f"  note             contacts had other admissible modes, too; the most sticking ones were taken at {when}")
+        lines.append(f"  note             other modes of contacts were admissible, and the most sticking ones taken, at {when}")
     works = trajectory.work_by_force.items()
-    taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
-    if trajectory.scene.contacts or trajectory.scene.base.lift:
-        lines.append(f"  lost             {', '.join(f'{name} {-work:.4g} J' for name, work in taken.items())}")
+    taken = {what: work[-1] for what, work in works if what == "impacts" or what.startswith("friction ")}
+    if trajectory.scene.closing or stops:
+        lines.append(f"  lost             {', '.join(f'{what} {-work:.4g} J' for what, work in taken.items())}")
     return lines
 
 
@@ -152,7 +162,9 @@ def _events(trajectory: Told) -> list[str]:
 def _through_the_ground(trajectory: Told) -> list[str]:
     """Say where a free base that starts above z = 0 takes a point below it: nothing stops it there."""
     scene = trajectory.scene
-    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts:
+    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts or scene.legs:
+        return []
+    if not scene.links:
         return []
     heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
     above = min((float(values[0]) for values in heights.values()), default=-1.0)

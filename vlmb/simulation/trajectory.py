@@ -32,9 +32,10 @@ from vlmb.simulation.columns import Column, columns, to_pandas, to_xarray
 from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
+from vlmb.simulation.leg_histories import read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
-from vlmb.simulation.phase_forces import forces_in_phases
+from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
 from vlmb.simulation.phases import Event, Phase, Stretch, begun, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
@@ -92,7 +93,7 @@ class Trajectory(Remade, Displayed):
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
         motion, looked = Motion(system, engine, t, states, branch, begun(stretches, len(t))), {}
         try:
-            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion))
+            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches)
             doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
         except Exception as error:  # the samples are there, whatever becomes of what is computed of them
             doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
@@ -185,6 +186,9 @@ class Trajectory(Remade, Displayed):
 
     def _along(self, quantity: Quantity) -> Array:
         """Return a quantity of the mechanism at all samples."""
+        if quantity.kind == "leg":
+            forces = self.reactions[quantity.name.partition(".")[0]]
+            return read_leg(quantity, self.system.points, self.stretches, self._postures, self.t, forces)
         return self._postures.read(quantity, *self._coordinates)
 
     def position(self, link: str, point: str = "tip") -> Array:
@@ -209,12 +213,13 @@ class Trajectory(Remade, Displayed):
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
         the ski, where there is any. A multiplier is the force along the gradient of
-        left side - right side. Of a contact it is the force (N, 3) [N] on the mechanism in the surface frame.
+        left side - right side. Of a contact, a leg and a ski that lifts ("ski") it is the force (N, 3) [N] on the mechanism in
+        the surface frame, of a stop that along its length.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction or self.scene.base.lift else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
-        ideal += tuple(contact.name for contact in self.scene.contacts)
+        ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:
@@ -291,8 +296,13 @@ class Trajectory(Remade, Displayed):
         return forces_in_phases(self.system, self.stretches, taken, self._postures, failed)
 
     @cached_property
+    def lowest_gaps(self) -> Mapping[str, float]:
+        """The lowest gap [m] of each contact at any sample, without the time in which its `when` has refused it."""
+        return lowest_gaps(self.system, self.stretches, self.t, self._postures) if self.stretches else {}
+
+    @cached_property
     def _energies(self) -> dict[str, Array]:
-        return energies_along(self.system, self._motion, self.work_by_force)
+        return energies_along(self.system, self._motion, self.work_by_force, self.stretches)
 
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""

@@ -7,9 +7,9 @@ import re
 from vlmb.errors import SceneError, nearest
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import allowed_names
-from vlmb.scene.by_phase import contact_names
 from vlmb.scene.expressions import Expression, parse
 from vlmb.system.events import OPENS, SLIPS, STICKS, TOUCHES
+from vlmb.system.stops import stop_points
 
 KINDS = (TOUCHES, OPENS, SLIPS, STICKS)
 
@@ -30,9 +30,9 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, str, Expre
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]
-    contacts = contact_names(mechanism.scene)
+    contacts = [*mechanism.scene.closing, *(point.name for point in stop_points(mechanism))]
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:
-        raise SceneError(f"until = {until!r:.80}: no contact {name!r:.80}; {nearest(name, contacts)}")
+        raise SceneError(f"until = {until!r:.80}: no contact or leg {name!r:.80}; {nearest(name, contacts)}")
     return f"{kind} {name}", "", None

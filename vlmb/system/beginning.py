@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+import numpy as np
+
 from vlmb.scene.by_phase import acting, goes_by_phase
 from vlmb.scene.names import PHASE_START
 from vlmb.system.contacts import Footing
 from vlmb.system.forces import StateView
+from vlmb.system.legs import LegPoint
 from vlmb.system.pace import laws_of
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System
@@ -41,8 +44,11 @@ def touching(system: System, view: StateView) -> frozenset[str]:
     """Return the names of contacts whose points are on their surfaces."""
     found = set[str]()
     for point in system.points:
+        if isinstance(point, LegPoint):
+            found |= {point.name} if point.leg.foot is not None else set()
+            continue
         place = [view[name] if name else 0.0 for name in point.names]
-        _, size = point.frame(view.t, place, system.mechanism.scene.plane)
+        _, size = point.frame(view.t, np.array(place), system.mechanism.scene.plane, Footing())
         if abs(point.surface.at(view.t, place)[0]) <= NEAR_AT_START * size:
             found.add(point.name)
     return frozenset(found)

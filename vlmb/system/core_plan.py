@@ -27,9 +27,9 @@ from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import Equation, Expression, fold, parse_equation
 from vlmb.scene.names import PHASE_START, listed
-from vlmb.scene.tables import Run
+from vlmb.scene.tables import BOUNCE, Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, LIGHT, OPEN, RESTING, STILL, UNDER, Footing, PhaseContacts
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, RESTING, STANDING, STILL, UNDER, Footing, Look, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
 from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
@@ -207,7 +207,8 @@ def make_core_plan(
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
     seen = len(roots)
-    roots += [] if contacts is None else contacts.roots
+    looks = [] if contacts is None else contacts.looks
+    roots += [] if contacts is None else [*contacts.roots, *(look.expression for look in looks)]
     named = len(roots)
     roots += named_events(mechanism)
     roots += [] if until is None else [until]
@@ -222,7 +223,7 @@ def make_core_plan(
     tape = compiled.tape
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
-        tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
+        tape = _watch_contacts(contacts, looks, compiled, seen, light, watch, bounds, events)
     for k, event in enumerate(scene.events):
         watch.append((core.SWITCH, len(tape.switch) + k))
         bounds.append((1.0, 0.0))
@@ -265,8 +266,8 @@ def named_events(mechanism: Mechanism) -> list[Expression]:
 
 
 def _watch_contacts(
-    contacts: PhaseContacts, compiled: CompiledTape, seen: int, light: float, watch: list[tuple[int, int]],
-    bounds: list[tuple[float, float]], events: list[Event],
+    contacts: PhaseContacts, looks: Sequence[Look], compiled: CompiledTape, seen: int, light: float,
+    watch: list[tuple[int, int]], bounds: list[tuple[float, float]], events: list[Event],
 ) -> op.Tape:  # fmt: skip
     """Add the indicators of contacts, and return the tape with their gaps among what is looked at after a step."""
     tape, closed = compiled.tape, 0
@@ -282,20 +283,26 @@ def _watch_contacts(
         elif footing.state == RESTING:
             closed += 1
         elif footing.state in CLOSED:
-            looks = [(core.HOLDS, OPENS)]
+            forms = [(core.HOLDS, OPENS)]
             if point.contact.slips:
-                looks.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
-            for form, kind in looks:
+                forms.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
+            for form, kind in forms:
                 watch.append((form, closed))
                 events.append(Event(CONTACT, FALLING, kind, "", k, slack=STILL if kind == STICKS else light))
             closed += 1
-        else:
+        elif footing.state != STANDING and point.lands:
             armed = footing.state == OPEN
             watch.append((core.SWITCH, first + k))
             name = TOUCHES if armed else REARMS
             events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, slack=UNDER if armed else 0.0))
-        bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
-    return _with_switches(tape, [seen + 4 * k + 3 for k in range(len(contacts.points))])
+    gaps = [seen + 4 * k + 3 for k in range(len(contacts.points))]
+    first += len(gaps)
+    for k, look in enumerate(looks):
+        watch.append((core.SWITCH, first + k))
+        events.append(look.event)
+    bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
+    after = seen + 4 * len(gaps)
+    return _with_switches(tape, [*gaps, *range(after, after + len(looks))])
 
 
 def _looks_of_ski(edge: Edge, footing: Footing, at: int) -> Iterator[tuple[int, int, str, int, float]]:
@@ -350,7 +357,7 @@ def _watched(
         events.append(event)
 
     for c in mechanism.layout.coordinates:
-        if c.kind == "xi":
+        if c.kind == "xi" and mechanism.segment(c).at_limit != BOUNCE:
             for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
                 if math.isfinite(bound):
                     place = table.of(mechanism.names.find(c.name))

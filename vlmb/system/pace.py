@@ -11,6 +11,7 @@ from vlmb.model.signals import require_span, signals_of
 from vlmb.model.tape import Leaf, compile_tape
 from vlmb.scene.by_phase import numbers_of, programmes_of
 from vlmb.scene.expressions import Equation, Expression, Tree, parse, parse_equation
+from vlmb.scene.legs import law_text
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 
@@ -76,6 +77,7 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
         laws = [law for matrix in matrices for row in matrix for law in row]
         laws += [law for law in (programme.u0, *programme.weights.values()) if law is not None]
         found += [parse(law, "programme") for law in laws]
+    found += [parse(law_text(law, "0"), "legs") for leg in scene.legs for law in (leg.reach, leg.attack) if law is not None]
     found += [parse_equation(event.when, f"events[{k}].when") for k, event in enumerate(scene.events)]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]

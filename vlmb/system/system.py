@@ -26,7 +26,7 @@ from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
-from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, phase_scene
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import Diagnostics
@@ -39,6 +39,7 @@ from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
 from vlmb.system.slips import Slips
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
+from vlmb.system.stops import all_points
 from vlmb.system.types import Evaluation, Rhs
 from vlmb.system.work_names import names_of_work
 
@@ -121,12 +122,13 @@ class System:
             return self.contacts.works
         working = [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
+        dampers += [leg.damping for leg in self.mechanism.scene.legs]
         return names_of_work(self.mechanism, working, self.forces, self.prescribed, self.points, dampers)
 
     @cached_property
     def points(self) -> tuple[ContactPoint, ...]:
-        """The contacts of the scene."""
-        return contact_points(self.mechanism)
+        """The contacts of the scene, then its legs, then stops of lengths."""
+        return all_points(self.mechanism)
 
     def placed(self, footings: Sequence[Footing]) -> System:
         """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""
