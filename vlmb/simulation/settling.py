@@ -138,6 +138,9 @@ class Settling(ContactView):
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
         self.several = self.several or answer.several
+        jammed = self._jammed(answer, taking)
+        if jammed:
+            return self.y, {}, jammed
         p = turn.T @ answer.p
         lost = float(-0.5 * answer.p @ (answer.v + v))
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
@@ -222,6 +225,16 @@ class Settling(ContactView):
                     way = moved / np.linalg.norm(moved) if np.linalg.norm(moved) > 0.0 else -push / np.linalg.norm(push)
                 ways[k] = frames[k][:-1].T @ way
         return states, ways, ""
+
+    def _jammed(self, answer: Answer, taking: Sequence[int]) -> str:
+        """Say where an impact lets a rough contact slip: friction without bound stops it from below, and nothing presses it."""
+        for at, k in enumerate(taking):
+            if self.points[k].rough and answer.closed[at] and answer.slipping[at][0]:
+                return (
+                    f"contact {self.points[k].name!r} strikes so flat that its rough ground would have to pull to hold it: it scuffs; "
+                    "give it a finite friction, or a `when` if it is not meant to land here"
+                )
+        return ""
 
     def _why_not(self, refusal: Refusal, taking: Sequence[int], what: str) -> str:
         """Say why nothing may follow."""
