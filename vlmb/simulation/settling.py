@@ -17,7 +17,7 @@ from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
-from vlmb.system.cone import Contact, Grip, Refusal, impact, modes
+from vlmb.system.cone import Answer, Contact, Grip, Refusal, impact, modes
 from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -231,8 +231,8 @@ class Settling(ContactView):
         for at, k in enumerate(taking):
             if self.points[k].rough and answer.closed[at] and answer.slipping[at][0]:
                 return (
-                    f"contact {self.points[k].name!r} strikes so flat that its rough ground would have to pull to hold it: it scuffs; "
-                    "give it a finite friction, or a `when` if it is not meant to land here"
+                    f"contact {self.points[k].name!r} strikes so flat that its rough ground would have to pull to hold it: it "
+                    "scuffs; give it a finite friction, or a `when` if it is not meant to land here"
                 )
         return ""
 
