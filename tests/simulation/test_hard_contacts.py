@@ -9,6 +9,10 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.simulation.test_phases import balanced, mass, of_kind, rod
 from tests.simulation.walkers import MODELS
+from vlmb.system.contacts import HELD
+from vlmb.system.engines import make_engine
+from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
 
 ENGINES = ["core", "pinocchio"]
 G = 9.81
@@ -101,3 +105,29 @@ def test_pencil_slips_turns_and_falls_flat(engine):
     assert balanced(run) and of_kind(run, "touch", "flat")[0].lost > 0.0
     rests = run.reactions["foot"][-1] + run.reactions["flat"][-1]
     assert rests == pytest.approx([0.0, 0.0, G], abs=1e-9) and abs(run.reactions["flat"][-1][0]) < 1e-9
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine):
+    part = {"rod": {"length": 0.8, "mass": 3.0}, "lower": {"length": 0.2, "motion": "free", "stiffness": 4000.0, "damping": 3.0}}
+    draw = np.random.default_rng(3)
+    for _ in range(3):
+        names = [f"{angle}{i}{dot}" for angle in ("phi", "psi") for i in (1, 2) for dot in ("", "_dot")]
+        start = dict(zip(names, draw.uniform(-1.0, 1.0, 8).tolist(), strict=True))
+        flying = {
+            "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base"}], "start": start,
+            "links": [{**part, "tip_mass": 1.0}, {**part, "tip_mass": 1.0}],
+        }  # fmt: skip
+        pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": []}
+        found = []
+        for data in (pivoted, flying):
+            scene = vlmb.Scene.from_dict(data)
+            system = make_system(vlmb.build(scene), scene.run, engine=engine)
+            begin = consistent_start(system, 0.0)
+            if system.points:
+                system = system.phase([system.points[0].footing_at(HELD, 0.0, np.zeros(3), plane=False)])
+            made = make_engine(system, begin.branch, None, engine)
+            found.append(made.evaluate(0.0, made.pack(begin.state))[made.velocities])
+        on_pivot, on_foot = found
+        assert on_foot[3:] == pytest.approx(on_pivot, abs=1e-14 * np.abs(on_pivot).max())
+        assert np.abs(on_foot[:3]).max() < 1e-13 * np.abs(on_pivot).max()
