@@ -219,14 +219,17 @@ def told(mechanism: Mechanism, seen: Postures) -> list[str]:
         bounce = f", restitution {contact.restitution:g}" if contact.restitution else ""
         found.append(f"contacts[{index}]: {contact.name} at {contact.point} on {contact.surface} = 0, {rub}{bounce}")
     for index, leg in enumerate(scene.legs):
-        spring = f"{leg.stiffness:g} N/m, {leg.damping:g} N s/m, {leg.length or 0.0:g} m at rest"
-        pushes = spring if leg.law is None else f"as long as {_short(leg.law)} m"
+        sprung = f"{leg.stiffness:g} N/m, {leg.damping:g} N s/m, {leg.length or 0.0:g} m at rest"
+        pushes = sprung if leg.law is None else f"as long as {_short(leg.law)} m"
         begins = "swings" if leg.foot is None else f"stands at ({leg.foot[0]:g}, {leg.foot[1]:g}) m"
         found.append(f"legs[{index}]: {leg.name} from {leg.from_}, {pushes}; {begins} at the start")
     base = scene.base
     if base.friction:
         by = "the normal force" if base.friction_on == "normal" else "the resultant of normal and edge force"
         found.append(f"base: Coulomb friction {base.friction:g} of {by}")
+    if base.lift:
+        ratios = "" if base.hold is None else f", its edge holds {base.hold:g} times the normal force"
+        found.append(f"base: leaves the snow where it would have to pull{ratios}")
     if base.drag:
         found.append(f"base: drag {base.drag:g} kg/m by the velocity of {base.drag_at}")
     return found
