@@ -222,6 +222,7 @@ def told(mechanism: Mechanism, seen: Postures) -> list[str]:
         sprung = f"{leg.stiffness:g} N/m, {leg.damping:g} N s/m, {leg.length or 0.0:g} m at rest"
         pushes = sprung if leg.law is None else f"as long as {_short(leg.law)} m"
         begins = "swings" if leg.foot is None else f"stands at ({leg.foot[0]:g}, {leg.foot[1]:g}) m"
+        begins += " and never lands, without an attack," if leg.attack is None else ""
         found.append(f"legs[{index}]: {leg.name} from {leg.from_}, {pushes}; {begins} at the start")
     base = scene.base
     if base.friction:
