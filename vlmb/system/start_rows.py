@@ -256,7 +256,7 @@ def meet_rates(
         gradient = np.column_stack([residual(chosen, {name: 1.0}) - error for name in names])
         matrix = gradient[:, [names.index(name) for name in free]]
         own, full = (float(np.linalg.norm(part, 2)) for part in (matrix, gradient))
-        change = -np.linalg.pinv(matrix, ROUNDED * full / max(own, TINY)) @ error  # what rows have by rounding does not serve them
+        change = -np.linalg.pinv(matrix, ROUNDED * full / max(own, TINY)) @ error  # what is rounding does not serve rows
         rates.update(moved(dict(zip(free, change.tolist(), strict=True))))
     ideal = [entry for entry in sets if entry.ideal]
     if ideal and np.abs(residual(ideal, {})).max() > 1e-7:
