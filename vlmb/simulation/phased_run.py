@@ -82,16 +82,15 @@ class PhasedRun(Settling):
             if out.event is not None:
                 self.events.append(out.event)
             if out.sentence:
+                if not self.stretches:
+                    self._begin(out, self.times)
                 return "stopped", f"stopped at t = {self.t:.6g} s: {out.sentence}."
             rest = self.times[self.times > self.t] if self.stretches else self.times
             if self.stretches and doubled:
                 rest = np.concatenate([[self.t], rest])
             if not len(rest):
                 return _finished(last)
-            mover = self._mover(out.footings)
-            breaks = [at for at in self.breaks if at > self.t]
-            loop = Loop(mover, self.options, out.y, rest, breaks, self.t, self.bounds, self.tell, self.longest)
-            self.begun, self.mover = (mover, loop, out.footings), mover
+            mover, loop = self._begin(out, rest)
             asked = self.until in out.happened
             if self.t >= last or asked:
                 mover.note(self.t, out.y)
@@ -111,6 +110,14 @@ class PhasedRun(Settling):
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
+
+    def _begin(self, out: Outcome, times: Array) -> tuple[Engine, Loop]:
+        """Begin a phase."""
+        mover = self._mover(out.footings)
+        breaks = [at for at in self.breaks if at > self.t]
+        loop = Loop(mover, self.options, out.y, times, breaks, self.t, self.bounds, self.tell, self.longest)
+        self.begun, self.mover = (mover, loop, out.footings), mover
+        return mover, loop
 
     def _keep(self, told: bool) -> None:
         """Keep the samples of the phase under way; without `told` its last instant is none unless it was asked for."""
