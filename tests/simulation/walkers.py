@@ -9,9 +9,12 @@ import vlmb
 TIGHT = {"rtol": 1e-11, "atol": 1e-12}
 
 
-def compass(duration=7.2, **run):
+COMPASS = (0.218668802939, -0.323388558059, -1.092383589884, -0.377373948907)
+
+
+def compass(duration=7.2, state=COMPASS, **run):
     """Make the compass gait of Goswami, Thuilot and Espiau, after an impact; its left leg stands."""
-    stance, swing, rate, other = 0.218668802939, -0.323388558059, -1.092383589884, -0.377373948907
+    stance, swing, rate, other = state
     slope = np.radians(3.0)
     a = stance + slope
     leg = {"parent": "base", "rod": {"length": 1.0, "mass": 5.0, "com": 0.5, "inertia": 0.0}}
@@ -30,8 +33,8 @@ def compass(duration=7.2, **run):
     })
 
 
-def wheel(spokes=8, slope=0.08, duration=5.0, speed=1.2):
-    """Make a rimless wheel: a hub of 1 kg, spokes of 1 m and 0.01 kg, each with a contact. It begins on the spoke behind."""
+def wheel(spokes=8, slope=0.08, duration=5.0, speed=1.2, mass=0.01):
+    """Make a rimless wheel: a hub of 1 kg, spokes of 1 m, each with a contact. It begins on the spoke behind."""
     half = np.pi / spokes
     names = [f"s{k}" for k in range(spokes)]
     start = {f"psi{k + 1}": -np.pi / 2 + half + 2 * half * k for k in range(spokes)}
@@ -39,7 +42,7 @@ def wheel(spokes=8, slope=0.08, duration=5.0, speed=1.2):
     hub = np.array([-np.sin(half), np.cos(half)])
     return vlmb.Scene.from_dict({
         "plane": True, "slope": slope, "base": {"kind": "free", "mass": 1.0},
-        "links": [{"name": name, "parent": "base", "rod": {"length": 1.0, "mass": 0.01}} for name in names],
+        "links": [{"name": name, "parent": "base", "rod": {"length": 1.0, "mass": mass}} for name in names],
         "constraints": [f"psi{k + 1} = psi1 + {2 * half * k!r}" for k in range(1, spokes)],
         "contacts": [{"point": f"{name}.tip"} for name in names],
         "start": start | {"x": hub[0], "z": hub[1], "x_dot": speed * hub[1], "z_dot": -speed * hub[0]},
@@ -47,9 +50,9 @@ def wheel(spokes=8, slope=0.08, duration=5.0, speed=1.2):
     })
 
 
-def simplest(beta, duration=4.0):
+def simplest(beta, duration=4.0, theta=0.20031090054425, rate=-0.19983247300495):
     """Make the simplest walker on a slope of 0.009, with feet of mass beta; its left leg stands."""
-    theta, rate, slope = 0.20031090054425, -0.19983247300495, 0.009
+    slope = 0.009
     swing, swing_rate = 2 * theta, (1 - np.cos(2 * theta)) * rate
     d = np.array([-np.sin(theta), np.cos(theta)])  # from the foot to the hip
     leg = {"parent": "base", "rod": {"length": 1.0, "mass": 0.0}, "tip_mass": beta}
