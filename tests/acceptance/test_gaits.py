@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import vlmb
-from tests.reference.contacts import GOSWAMI, Compass, compass_gait, compass_step
-from tests.simulation.walkers import COMPASS, compass, simplest
+from tests.reference.contacts import GOSWAMI, Compass, compass_gait, compass_step, steady_run, steady_walk
+from tests.simulation.walkers import model
 
 LEGS = ["psi1", "psi2", "psi1_dot", "psi2_dot"]
 
@@ -44,22 +44,46 @@ def off_compass(gait: Any, walker: Compass, state: np.ndarray, period: float) ->
 @pytest.mark.acceptance
 def test_compass_from_a_rough_guess() -> None:
     """It is on the page of gaits, too."""
-    gait = vlmb.find_gait(
-        compass(state=[1.05 * at for at in COMPASS], duration=2.0), until="touch r", free=LEGS, mirror={"left": "right"}
-    )
+    guess = {"stance": 0.23, "swing": -0.34, "stance_rate": -1.15, "swing_rate": -0.4}
+    scene = model("compass_gait", 2.0, {f"parameters.{name}": value for name, value in guess.items()})
+    gait = vlmb.find_gait(scene, until="touch r", free=LEGS, mirror={"left": "right"})
     own = compass_gait()
     off_compass(gait, GOSWAMI, own.state, own.time)
     assert gait.stability == "asymptotically stable" and (gait.unknowns, gait.equations, gait.family) == (4, 4, 0)
     assert gait.trajectory.events[-1].lost == pytest.approx(own.lost, abs=1e-9)
-    again = vlmb.simulate(compass(duration=3.0), start=gait.start)
+    again = vlmb.simulate(scene, 3.0, start=gait.start)
     assert np.diff([0.0, *(event.t for event in again.events)]) == pytest.approx(own.time, abs=1e-8)
 
 
 @pytest.mark.acceptance
 @pytest.mark.parametrize("beta", [1e-2, 1e-3, 1e-4])
 def test_simplest_walker_with_feet_from_a_rough_guess(beta: float) -> None:
-    scene = simplest(beta, duration=6.0, theta=0.205, rate=-0.203)
+    scene = model("simplest_walker", 6.0, {"parameters.beta": beta, "parameters.theta": 0.205, "parameters.rate": -0.203})
     gait = vlmb.find_gait(scene, until="touch r", free=LEGS, mirror={"left": "right"})
     walker = Compass(1.0, beta, 0.0, 1.0, 0.009, 1.0)
     own = compass_gait(walker, (0.2003 - 0.009, -0.1998, -0.1998 * math.cos(0.4)))
     off_compass(gait, walker, own.state, own.time)
+
+
+@pytest.mark.acceptance
+def test_running_on_a_spring_from_a_rough_guess() -> None:
+    own, slope = steady_run()
+    scene = model("slip_runner", 2.0, {"parameters.apex": 0.95})
+    gait = vlmb.find_gait(scene, until="z_dot", free=["z", "x_dot"], hold={"energy": 1784.8})
+    assert (gait.start["z"], gait.start["x_dot"]) == pytest.approx((own.height, own.speed), abs=1e-9)
+    assert gait.period == pytest.approx(own.contact + own.flight, abs=1e-9) and gait.family == 0
+    np.testing.assert_allclose(gait.multipliers, [1.0, slope], atol=1e-6)  # the first leads to another energy
+    assert gait.uncertainty.max() < 1e-6 and gait.stability == "neutral"
+
+
+@pytest.mark.acceptance
+def test_walking_on_two_springs_from_a_rough_guess() -> None:
+    """From one vertical leg to the other."""
+    own = steady_walk()
+    scene = model("slip_walker", 2.0, {"start.z": 0.9705, "start.x_dot": 1.1})
+    gait = vlmb.find_gait(scene, until="right.foot.x - x", free=["z", "x_dot", "z_dot"], hold={"energy": 816.0})
+    found = gait.start["z"], gait.start["x_dot"], gait.start["z_dot"], gait.period
+    assert found == pytest.approx((own.height, own.speed, 0.0, own.time), abs=1e-9)
+    assert gait.trajectory["x"][-1] == pytest.approx(own.length, abs=1e-9)
+    assert gait.uncertainty.max() < 1e-6 and gait.multipliers[0] == pytest.approx(1.0, abs=1e-6)
+    assert abs(gait.multipliers[1]) == pytest.approx(0.977971, abs=1e-5)  # how what swings about it dies out in ten steps

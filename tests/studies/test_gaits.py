@@ -7,7 +7,7 @@ import math
 import pytest
 
 import vlmb
-from tests.simulation.walkers import TIGHT, wheel
+from tests.simulation.walkers import TIGHT, model, wheel
 from vlmb.core.jit import COMPILED
 from vlmb.errors import SceneError, SimulationError, StudyError
 
@@ -25,7 +25,7 @@ def rolling(mass: float) -> tuple[float, float]:
 
 
 def test_rimless_wheel_from_a_rough_guess() -> None:
-    gait = vlmb.find_gait(wheel(speed=1.3), until="touch s1.tip", free=["psi1_dot"])
+    gait = vlmb.find_gait(model("rimless_wheel", 5.0, {"parameters.turning": 1.3}), until="touch s1.tip", free=["psi1_dot"])
     speed, multiplier = rolling(0.01)
     assert gait.start["psi1_dot"] == pytest.approx(speed, abs=1e-9)
     assert gait.start["psi5_dot"] == pytest.approx(speed, abs=1e-9)  # the rows take the other spokes along, the foot the hub
@@ -54,7 +54,7 @@ def test_conservative_gaits_are_a_family_of_which_the_energy_holds_one() -> None
 
 
 def test_what_cannot_be_is_named() -> None:
-    scene = wheel(speed=1.2)
+    scene = wheel()
     for wrong, error, text in (
         ({"free": ["psi9"]}, SceneError, "psi9"),
         ({"free": []}, SceneError, "must be a list of coordinates and rates"),

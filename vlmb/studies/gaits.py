@@ -124,8 +124,9 @@ class _Step:
         if not isinstance(mechanism, Mechanism):
             raise StudyError("find_gait is there for scenes of links alone, not for robots")
         self.mechanism = mechanism
-        event, expression = read_until(mechanism, until)
-        self.ends = f": {event}." if expression is None else f": {expression.text} fell through 0."
+        event, named, expression = read_until(mechanism, until)
+        fell = f" s: {expression.text} fell through 0." if expression is not None else ""
+        self.ends = fell or (f" s: {event}." if event else f" s: {named}: ")  # how a run says that it came
         first = consistent_start(make_system(mechanism))
         self.prescribed = set(first.followed)
         self.values: Values = {**first.coordinates, **first.rates}
@@ -182,7 +183,7 @@ class _Step:
         """Run to the event. Raises SimulationError where it does not come."""
         times = None if samples else [0.0, self.scene.run.duration]
         found = simulate(self.mechanism, start=self.start(u), t_eval=times, until=self.until)
-        if found.status != "stopped" or not found.message.endswith(self.ends):
+        if found.status != "stopped" or self.ends not in found.message:
             none = f"nothing of it within run.duration = {self.scene.run.duration:g} s"
             why = none if found.status == "finished" else found.message
             raise SimulationError(f"a period that is to end with {self.until!r} does not: {why}")

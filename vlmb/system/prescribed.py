@@ -7,6 +7,7 @@ from typing import NamedTuple
 from vlmb.model.laws import Law, time_law
 from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
+from vlmb.scene.by_phase import numbers_of
 
 
 class Prescribed(NamedTuple):
@@ -28,7 +29,7 @@ def prescribed_segments(mechanism: Mechanism) -> tuple[Prescribed, ...]:
             if at.motion == "prescribed":
                 side = "lower" if coordinate.segment == 1 else "upper"
                 text = mechanism.segment(coordinate).law
-                key, parameters = f"links[{coordinate.link}].{side}.law", mechanism.scene.parameters
+                key, parameters = f"links[{coordinate.link}].{side}.law", numbers_of(mechanism.scene)
                 law = time_law(0.0 if text is None else text, parameters, key, mechanism.signals)
                 force = f"F{coordinate.link + 1}_{coordinate.segment}"
                 found.append(Prescribed(coordinate.name, force, at.q, at.v, law))
