@@ -123,6 +123,8 @@ class _Step:
         mechanism = build(self.scene)
         if not isinstance(mechanism, Mechanism):
             raise StudyError("find_gait is there for scenes of links alone, not for robots")
+        if mechanism.layout.lifts:
+            raise StudyError("find_gait is there for a ski on the snow: set base.lift = false for it")
         self.mechanism = mechanism
         event, named, expression = read_until(mechanism, until)
         fell = f" s: {expression.text} fell through 0." if expression is not None else ""
