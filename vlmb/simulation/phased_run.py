@@ -98,14 +98,11 @@ class PhasedRun(LegSteps):
             if not len(rest):
                 return _finished(last)
             try:
-                mover = self._next(out.footings, doubled)
+                mover, loop = self._begin(out, rest, doubled)
             except VlmbError as error:
                 if not self.parts:
                     raise
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
-            breaks = [at for at in self.breaks if at > self.t]
-            loop = Loop(mover, self.options, out.y, rest, breaks, self.t, self.bounds, self.tell, self.longest)
-            self.begun, self.mover = (mover, loop, out.footings), mover
             asked = self.until in out.happened
             if self.t >= last or asked:
                 mover.note(self.t, out.y)
@@ -128,11 +125,17 @@ class PhasedRun(LegSteps):
 
     def _keep_start(self, out: Outcome) -> None:
         """Keep the start of a run that goes no further."""
-        mover = self._next(out.footings, False)
-        loop = Loop(mover, self.options, out.y, self.times[:1], [], self.t, self.bounds)
-        self.begun = mover, loop, out.footings
+        mover, _ = self._begin(out, self.times[:1], told=False)
         mover.note(self.t, out.y)
         self._keep(told=True)
+
+    def _begin(self, out: Outcome, times: Array, told: bool) -> tuple[Engine, Loop]:
+        """Begin a phase."""
+        mover = self._next(out.footings, told)
+        breaks = [at for at in self.breaks if at > self.t]
+        loop = Loop(mover, self.options, out.y, times, breaks, self.t, self.bounds, self.tell, self.longest)
+        self.begun, self.mover = (mover, loop, out.footings), mover
+        return mover, loop
 
     def _next(self, footings: tuple[Footing, ...], told: bool) -> Engine:
         """Return the engine of the next phase; it goes on from the last one where nothing was told."""

@@ -71,10 +71,10 @@ class Settling(ContactView):
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
-            y, impact_told, refusal = self._impact(found, taking, frames, approach)
-            if refusal:
+            struck, impact_told, refusal = self._impact(found, taking, frames, approach)
+            if refusal and strikes:
                 return Outcome(footings, self.y, None, refusal)
-            told = impact_told if strikes else {}
+            y, told = (y if refusal else struck), (impact_told if strikes else {})  # without strikes it only mends what is off
             found = self._without_forces(y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         if hit is not None and hit.name in (OPENS, SLIPS) and not strikes:
