@@ -89,7 +89,8 @@ def linearize(
     rates : the same
     controls : forces by name whose effect is B, added to whatever acts; default: those of the programme
 
-    Raises SceneError for laws of time, unknown forces and contacts that touch, StudyError on a switch, or where the equations are not smooth.
+    Raises SceneError for laws of time, unknown forces and contacts that touch, StudyError on a switch, or where the equations are
+    not smooth.
     """
     if isinstance(what, Steady):
         if coordinates is not None or rates is not None:
