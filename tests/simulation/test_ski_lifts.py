@@ -77,6 +77,21 @@ def test_skid_and_friction_along_the_ski_are_independent(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("way", ["along", "aside"])
+def test_a_ski_that_stops_on_a_slope_turns_back(engine, way):
+    """Beside a contact that never touches: what is looked at of each has its own numbers."""
+    feather = {"name": "feather", "rod": {"length": 0.1, "mass": 1e-9}}
+    contacts = [{"name": "top", "point": "feather.rod_end", "surface": "z + 9", "friction": 0.3}]
+    start = {"x_dot": -2.0, "z": 0.0, "phi0": 0.0 if way == "along" else np.pi / 2, "psi1": 1.2, "phi1": 0.3}
+    held = {"friction": 0.1} if way == "along" else {"hold": 0.1}
+    run = vlmb.simulate(ski(start, 0.7, [feather], slope=0.3, contacts=contacts, **held), engine=engine)
+    stops = 2.0 / (G * (np.sin(0.3) + 0.1 * np.cos(0.3)))
+    assert [(event.kind, event.name) for event in run.events if event.name == "ski"] == [("slip", "ski")]
+    assert run.events[0].t == pytest.approx(stops, abs=1e-7) and run.status == "finished"
+    assert run["x_dot"][-1] == pytest.approx(G * (np.sin(0.3) - 0.1 * np.cos(0.3)) * (0.7 - stops), abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_momentum_is_kept_in_flight_and_handed_on_at_a_landing(engine):
     start = {"z": 0.4, "phi0": 0.3, "psi1": 1.2, "phi1": 0.5, "phi0_dot": 0.7, "phi1_dot": 0.4, "x_dot": 3.0, "y_dot": 2.0}
     run = vlmb.simulate(ski(start, 0.4, [LEGS]), engine=engine)
