@@ -18,11 +18,11 @@ from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.scene import Scene
-from vlmb.system.beginning import beginning, touching
+from vlmb.system.beginning import beginning, refuse_contacts
 from vlmb.system.forces import StateView
 from vlmb.system.pace import require_data
 from vlmb.system.prescribed import prescribed_segments
-from vlmb.system.system import System, make_system
+from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def accelerations(
     _refuse_sideways(layout, values, motion)
     _refuse_pole(layout, values)
     system, state = make_system(mechanism), mechanism.state(values, motion)
-    _refuse_contacts(system, StateView(mechanism, t, mechanism.postures(state), [values[name] for name in layout.names], state))
+    refuse_contacts(system, StateView(mechanism, t, mechanism.postures(state), [values[name] for name in layout.names], state))
     workspace = beginning(system, t).workspace(branch=[values[name] for name in layout.names])
     vdot = workspace.rhs(t, workspace.pack(state))[workspace.nq : workspace.nq + workspace.nv]
     chart = VelocityMap(mechanism, values, make_data(mechanism.model))
@@ -81,13 +81,6 @@ def _with_laws(
                 raise SceneError(f"{name} = {given[name]}: this segment follows its law, {value:.9g} at t = {t:g}; leave it out")
             given[name] = value
     return posture, speeds
-
-
-def _refuse_contacts(system: System, view: StateView) -> None:
-    names = sorted(touching(system, view)) if system.points else []
-    if names:
-        why = "whether they push, slip or open is found in a run: take its first sample, or lift them off"
-        raise SceneError(f"contacts: {', '.join(names)} touch here, and {why}")
 
 
 def _refuse_sideways(layout: Layout, values: Mapping[str, float], motion: Mapping[str, float]) -> None:

@@ -34,5 +34,6 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, str, Expre
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:
-        raise SceneError(f"until = {until!r:.80}: no contact or leg {name!r:.80}; {nearest(name, contacts)}")
+        what = "contact or leg" if mechanism.scene.legs else "contact"
+        raise SceneError(f"until = {until!r:.80}: no {what} {name!r:.80}; {nearest(name, contacts)}")
     return f"{kind} {name}", "", None

@@ -17,6 +17,8 @@ from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
 from vlmb.studies.derivatives import jacobian
 from vlmb.studies.steady import Steady, refuse_time
+from vlmb.system.beginning import refuse_contacts
+from vlmb.system.forces import StateView
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, make_system
 
@@ -87,7 +89,8 @@ def linearize(
     rates : the same
     controls : forces by name whose effect is B, added to whatever acts; default: those of the programme
 
-    Raises SceneError for laws of time and unknown forces, StudyError on a switch, or where the equations are not smooth.
+    Raises SceneError for laws of time, unknown forces and contacts that touch, StudyError on a switch, or where the equations are
+    not smooth.
     """
     if isinstance(what, Steady):
         if coordinates is not None or rates is not None:
@@ -98,6 +101,8 @@ def linearize(
     refuse_time(scene)
     system = make_system(build(scene))
     start = _start(system, given)
+    view = StateView(system.mechanism, 0.0, system.mechanism.postures(start.state), start.branch, start.state)
+    refuse_contacts(system, view)
     chart = chart_at(system, start)
     x = chart.numbers(chart.origin)
     full, error = jacobian(chart.rates, x, chart.scales)

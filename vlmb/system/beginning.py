@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from vlmb.errors import SceneError
 from vlmb.scene.by_phase import acting, goes_by_phase
 from vlmb.scene.names import PHASE_START
 from vlmb.system.contacts import Footing
@@ -52,3 +53,11 @@ def touching(system: System, view: StateView) -> frozenset[str]:
         if abs(point.surface.at(view.t, place)[0]) <= NEAR_AT_START * size:
             found.add(point.name)
     return frozenset(found)
+
+
+def refuse_contacts(system: System, view: StateView) -> None:
+    """Raise SceneError where contacts touch or legs stand: what they do there is found by a run."""
+    names = sorted(touching(system, view)) if system.points else []
+    if names:
+        why = "whether they push, slip or open is found in a run: take its first sample, or lift them off"
+        raise SceneError(f"contacts: {', '.join(names)} touch here, and {why}")
