@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from vlmb.core import places
 from vlmb.core import quantities as core
-from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
+from vlmb.core.opcodes import RATE, VALUE
 from vlmb.core.quantities import Quantities, make_quantities
 from vlmb.errors import SceneError
 from vlmb.model.arrays import Arrays
-from vlmb.model.names import ANGLES, DOT, STORED, GeneralizedForce, Names, PointEnd, Quantity
+from vlmb.model.names import ANGLES, STORED, GeneralizedForce, Names, PointEnd, Quantity
 from vlmb.model.signals import NONE as NO_SIGNALS
 from vlmb.model.signals import Signals
-from vlmb.model.tape import Leaf
+from vlmb.model.tape import Leaf, leaf_of
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -83,14 +83,9 @@ class QuantityTable:
 
     def resolve(self, name: str) -> Leaf:
         """Return what a name of an equation is to the tape."""
-        if name == "t":
-            return Leaf(TIME)
-        if name in self.parameters:
-            return Leaf(PARAMETER, self.parameters[name])
-        if name in self.signals:
-            return Leaf(SIGNAL, self.signals[name])
-        if name.removesuffix(DOT) in self.lengths:
-            return Leaf(RATE if name.endswith(DOT) else VALUE, self.lengths[name.removesuffix(DOT)])
+        known = leaf_of(name, self.parameters, self.signals, self.lengths)
+        if known is not None:
+            return known
         quantity = self.names.find(name)
         return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.kind in ANGLES)
 

@@ -7,14 +7,13 @@ import dataclasses
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
 from vlmb.model.layout import State
-from vlmb.model.names import counted
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
@@ -93,42 +92,8 @@ def begun_at(mechanism: RobotMechanism, start: End | Mapping[str, float]) -> Rob
     return made
 
 
-class CheckedRobots(NamedTuple):
-    """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
-
-    mechanism: RobotMechanism
-    start: Start
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that was checked."""
-        return self.mechanism.scene
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Independent velocities at the start."""
-        return self.mechanism.table.velocities - self.start.rank
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was left out and adjusted, what is known of measured data, how a programme is stable."""
-        left = (f"left out: {entry}" for entry in self.mechanism.left_out)
-        data = (column.report for column in self.mechanism.signals.columns)
-        return (*left, *data, *self.start.adjustments)
-
-    @property
-    def report(self) -> str:
-        """Coordinates and degrees of freedom in a line, then a line for each note."""
-        coordinates = counted(len(self.mechanism.names.index), "coordinate")
-        counts = f"fine. {coordinates}, {counted(self.degrees_of_freedom, 'degree')} of freedom"
-        return "\n".join([counts, *(f"  {note}" for note in self.notes)])
-
-    def __repr__(self) -> str:
-        return f"{self.scene.name}: {self.report}"
-
-
-def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
-    """Do everything that comes before a run; raise what a run would."""
+def check_robots(mechanism: RobotMechanism) -> Start:
+    """Do everything that comes before a run; return its start and what is known of it. Raises what a run would."""
     scene = mechanism.scene
     require_data(scene, 0.0, scene.run.duration)
     system = make_robot_system(mechanism)
@@ -138,8 +103,6 @@ def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
     engine.workspace.evaluate(0.0, engine.pack(start.state))
     programme, notes = engine.workspace.programme, []
     if programme is not None:
-        rank, condition = programme.rank(programme.control_matrix)
-        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-        notes.append(f"programme: {programme.report}; {controllable}")
+        notes.append(programme.controllable)
         notes += engine.workspace.unreached()
-    return CheckedRobots(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))
+    return start._replace(adjustments=(*start.adjustments, *notes))

@@ -200,6 +200,12 @@ class ProgrammeControl:
         rank = self.rank(self.control_matrix)[0]
         return f"{self.plan.decay}; {len(self.texts)} rows of rank {rank}: others, or ideal constraints, hold the rest already"
 
+    @property
+    def controllable(self) -> str:
+        """Say how errors decay and what the controls reach at the last solution."""
+        rank, condition = self.rank(self.control_matrix)
+        return f"programme: {self.report}; G has rank {rank} for {len(self.texts)} rows, condition {condition:.4g} at the start"
+
     def weakness(self) -> str:
         """Say which rows the controls have nearly lost since the start; nothing where they have not."""
         return weakness(self.plan, self.control_matrix, self.grip)

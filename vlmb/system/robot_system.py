@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vlmb.core import bodies as of_bodies
 from vlmb.core import readings as core
 from vlmb.core.bodies import move
-from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
+from vlmb.core.opcodes import RATE, VALUE
 from vlmb.core.packed import FORM, MEASURED, RESIDUAL, Packed, pack, tape_parts
 from vlmb.core.readings import TRACE, Readings
 from vlmb.errors import SceneError
@@ -22,7 +22,7 @@ from vlmb.model.laws import parameter_values, prepared, tape_breaks
 from vlmb.model.names import AXES, DOT
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import RobotForce, RobotQuantity, Row, allowed_names
-from vlmb.model.tape import CompiledTape, Leaf, compile_tape
+from vlmb.model.tape import CompiledTape, Leaf, compile_tape, leaf_of
 from vlmb.scene.expressions import Expression, parse, parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
@@ -158,14 +158,9 @@ class Quantities:
 
     def resolve(self, name: str) -> Leaf:
         """Return what a name of an equation is to the tape."""
-        if name == "t":
-            return Leaf(TIME)
-        if name in self.parameters:
-            return Leaf(PARAMETER, self.parameters[name])
-        if name in self.signals:
-            return Leaf(SIGNAL, self.signals[name])
-        if name.removesuffix(DOT) in self.lengths:
-            return Leaf(RATE if name.endswith(DOT) else VALUE, self.lengths[name.removesuffix(DOT)])
+        known = leaf_of(name, self.parameters, self.signals, self.lengths)
+        if known is not None:
+            return known
         quantity = self.names.find(name)
         return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.angle)
 

@@ -2,9 +2,8 @@
 
 M vdot + h = tau + J^T lambda + B u,   J vdot = gamma,   W vdot = H z + K z' - drift
 
-M^-1 is Pinocchio's. With a = M^-1 (tau - h) and the rows J out of the way, vdot = a1 + N u and G = W N. What the rows of a
-programme leave free serves its secondary rows, then the posture, q'' = w^2 (q0 - q) - 2 d w q'; what is left is the least
-weighted control.
+Without a programme M^-1 is Pinocchio's, and the rows J are solved for their multipliers. With one, what its rows leave free
+serves its secondary rows, then the posture, q'' = w^2 (q0 - q) - 2 d w q'; what is left is the least weighted control.
 """
 
 from __future__ import annotations
@@ -18,26 +17,27 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from vlmb.core import frame_rows
+from vlmb.core import driven, frame_rows
 from vlmb.core.bodies import AT_V, COUNT, TYPE
 from vlmb.core.calls import direct
-from vlmb.core.readings import COMPONENT, COORDINATE, FIRST, KIND
+from vlmb.core.driven import CHOICES, DEMANDS, LOADS, REPEATING, SHARED, Driven, make_driven
+from vlmb.core.readings import COORDINATE, LENGTH
 from vlmb.errors import SimulationError, SingularError
 from vlmb.model.memory import make_data
 from vlmb.scene.names import DAMPERS, listed
-from vlmb.system.programme import RANK, ProgrammeControl
-from vlmb.system.robot_posture import JointSpace
+from vlmb.system.programme import RANK, ProgrammeControl, out_of_reach
 from vlmb.system.robot_system import RobotSystem
 
 Array = NDArray[np.float64]
 
-rows_of_frames = direct(frame_rows.rows_of_frames)
+rows_of_frames, drive = direct(frame_rows.rows_of_frames), direct(driven.drive)
 
 SIDEWAYS = 1  # the ski's velocity that its knife edge forbids
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
 LOOSE = 1e-8  # relative size below which a direction of joints counts as out of reach of the controls
 HUGE = 1e100
-MOST = 300  # velocities of what is solved in the accelerations of its joints
+NOTHING = np.zeros(0)
+NONE_BESIDE = (np.zeros((0, 0)), np.zeros(0, np.int64))
 
 
 class Instant(NamedTuple):
@@ -79,8 +79,8 @@ class RobotWorkspace:
         )
         self.scales = np.zeros(0) if system.plan is None else system.plan.scales
         self.programme = None if system.plan is None else ProgrammeControl(system.plan)
-        self.multipliers, self.diagonal = np.zeros(self.eliminated), np.zeros(self.eliminated)
-        self.repeating = False
+        self.multipliers = np.zeros(self.eliminated)
+        self.gains, self.second = system.gains, rows - system.eliminated - system.servo
         self.pulled = np.zeros((0, self.nv))  # accelerations by each control in its scale, at the last solution
         self.evaluations = 0
         self.lost = 0.0
@@ -92,33 +92,36 @@ class RobotWorkspace:
         )  # fmt: skip
         self._take_posture()
         self._take_powers()
-        self.joint_space = self._joint_space()
-        self.looking = False  # at one instant, with the effect of every control
+        if self.count:
+            self.room = self._driven()
 
-    def _joint_space(self) -> JointSpace | None:
-        """Return the accelerations of the joints where these alone say what the controls do."""
-        system, kinds = self.system, self.system.readings.kind
-        along = system.along[self.first_control :]
-        own = all(kinds[at, KIND] == COORDINATE for at in along.tolist())
-        if not self.count or self.settled or self.nv > MOST or len(system.info) > self.eliminated + system.servo or not own:
-            return None
-        joints = self.bodies.joint
-        return JointSpace(self, np.array([joints[kinds[at, FIRST], AT_V] + kinds[at, COMPONENT] for at in along], np.intp))
+    def _driven(self) -> Driven:
+        """Say which controls act in a velocity of their own, and make the room to solve in."""
+        kinds, joints, own = self.system.readings.kind, self.bodies.joint, dict[int, int]()
+        for slot, at in enumerate(self.system.along[self.first_control :].tolist()):
+            kind, first, component, second = kinds[at].tolist()
+            if kind == COORDINATE or (kind == LENGTH and min(first, second) <= 0):
+                joint = first if kind == COORDINATE else max(first, second)
+                own.setdefault(int(joints[joint, AT_V]) + component * (kind == COORDINATE), slot)
+        others = [slot for slot in range(self.count) if slot not in own.values()]
+        return make_driven(
+            self.nv, self.rows, self.eliminated, np.array([*own], np.int64), np.array([*own.values(), *others], np.int64),
+            len(others), self.posed_v, 1.0 / self.posed_weights,
+        )  # fmt: skip
 
     def _take_posture(self) -> None:
         """Note which joints the posture of a programme goes by, where to, and how."""
         system, names = self.system, self.system.mechanism.names
         entries = [e for e in names.entries if e.row[0] == COORDINATE and f"T_{e.name}" in names.forces]
         joints = [self.model.joints[entry.joint] for entry in entries]
-        self.posed_q = np.array([joint.idx_q for joint in joints], np.intp)
-        self.posed_v = np.array([joint.idx_v for joint in joints], np.intp)
+        self.posed_q = np.array([joint.idx_q for joint in joints], np.int64)
+        self.posed_v = np.array([joint.idx_v for joint in joints], np.int64)
         self.posture = np.array([system.mechanism.reference[entry.name] for entry in entries])
         if system.posture is not None:
             weights = [system.posture.weights.get(entry.name, 1.0) for entry in entries]
-            self.posed_weights = np.sqrt(np.array(weights))
+            self.posed_weights = np.array(weights, float)
             frequency = system.posture.frequency
             self.posed_gains = frequency**2, 2.0 * system.posture.damping_ratio * frequency
-        self.settled = system.posture is None or not entries
 
     def _take_powers(self) -> None:
         """Note where in the work states each force stands; -1 for springs, whose work is their energy."""
@@ -165,74 +168,112 @@ class RobotWorkspace:
             raise self.not_finite()
         if not self.plain:
             q = pin.normalize(model, q)
-        tau = self.tau
-        if self.first_control:
-            np.dot(self.values[: self.first_control], self.columns[: self.first_control], tau)
-        else:
-            tau.fill(0.0)
-        segments = self.system.segments
+        tau, segments = self.tau, self.system.segments
+        tau.fill(0.0)
         self.lost = 0.0
         if len(segments.q):
             rates = v[segments.v]
             np.add.at(tau, segments.v, -segments.stiffness * (q[segments.q] - segments.rest) - segments.damping * rates)
             self.lost = float(segments.damping.dot(rates * rates))
+        self.q = q
+        if self.count:
+            back = self.back(q, v) if len(self.posed_q) else NOTHING
+            return self.controlled(pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v), back)
+        if self.first_control:
+            tau += self.values.dot(self.columns)
         if self.free:
             answer: Array = pin.aba(model, data, q, v, tau)
             return answer
-        b = tau - pin.nonLinearEffects(model, data, q, v)
-        if self.joint_space is not None and not self.looking:
-            wanted = self.system.gains.dot(self.out.ravel())
-            mass = pin.crba(model, data, q)
-            found = self.joint_space.solve(mass, b, self.matrix[: self.rows], wanted, self.back(q, v))
-            if found is not None:
-                return found
-        inverse = pin.computeMinverse(model, data, q)
-        return self.constrained(t, q, v, inverse, inverse.dot(b))
+        bias = pin.nonLinearEffects(model, data, q, v)
+        return self.held(pin.computeMinverse(model, data, q), tau - bias)
 
-    def constrained(self, t: float, q: Array, v: Array, inverse: Array, a: Array) -> Array:
-        """Return vdot under all rows, from M^-1 and the accelerations a (nv,) without them."""
-        e, rows = self.eliminated, self.matrix[: self.rows]
-        wanted = self.system.gains.dot(self.out.ravel())
-        controls = self.columns[self.first_control :] * self.scales[:, None]
-        pulled = controls.dot(inverse) if self.count else None  # (S, nv)
-        if e:
-            jacobian = rows[:e]
-            answers = jacobian.dot(inverse)  # (e, nv)
-            right = wanted[:e] - jacobian.dot(a)
-            if pulled is not None:
-                solved = self.schur(answers.dot(jacobian.T), np.column_stack([right, -answers.dot(controls.T)]))
-                multipliers, given = solved[:, 0], solved[:, 1:]
-                pulled = pulled + given.T.dot(answers)
-            else:
-                multipliers = self.schur(answers.dot(jacobian.T), right[:, None])[:, 0]
-            a = a + multipliers.dot(answers)
-        if pulled is not None:
-            u = self.controls(q, v, rows[e:], wanted[e:], pulled, a)
-            self.values[self.first_control :] = u * self.scales
-            a = a + u.dot(pulled)
-            if e:
-                multipliers = multipliers + given.dot(u)
-        if e:
-            self.multipliers = multipliers
+    def held(self, inverse: Array, b: Array) -> Array:
+        """Return vdot under held rows alone, from M^-1 and the forces b (nv,)."""
+        jacobian = self.matrix[: self.eliminated]
+        answers, a = jacobian.dot(inverse), inverse.dot(b)
+        right = self.wanted() - jacobian.dot(a)
+        self.multipliers = self.schur(answers.dot(jacobian.T), right[:, None])[:, 0]
+        a += self.multipliers.dot(answers)
         return a
 
-    def controls(self, q: Array, v: Array, w: Array, wanted: Array, pulled: Array, a: Array) -> Array:
-        """Return the controls over their scales (S,): for the programme, then secondary rows, then the posture."""
+    def controlled(self, mass: Array, bias: Array, back: Array) -> Array:
+        """Return vdot under all rows, those of the programme by its controls: see `vlmb.core.driven`."""
+        given = (
+            *self.room, mass, bias, self.tau, self.matrix, self.values, self.scales, self.gains, self.out, self.first_control,
+            *NONE_BESIDE, back, self.multipliers,
+        )  # fmt: skip
+        code = REPEATING if self.second else drive(*given, 0)
+        if code == REPEATING:
+            drive(*given, 1)
+            self._make_independent()
+            code = drive(*given, 2)
+        if code == SHARED:
+            self._least_multipliers()
+        return self.room.moved[1]
+
+    def wanted(self) -> Array:
+        """Return what W vdot shall be (rows,)."""
+        found: Array = self.gains.dot(self.out.ravel())
+        return found
+
+    def _make_independent(self) -> None:
+        """Put rows that do not repeat each other in the place of C and d. Raises SingularError where rows contradict."""
+        room, first = self.room, self.rows - self.second
+        table = room.demands[: int(room.counts[DEMANDS])]
+        rows = independent(np.delete(table, slice(first, self.rows), axis=0))
+        if rows is None:
+            raise self._contradiction(table)
+        if self.second:  # as near as the others let them, in their own units
+            basis, x = rows[:, :-1], rows[:, -1]
+            second = self.matrix[first : self.rows][:, np.concatenate([room.rest, room.posed])]
+            seen = second.dot(basis.T)
+            left, asked = second - seen.dot(basis), self.wanted()[first:] - seen.dot(x)
+            turn, sizes, ways = np.linalg.svd(left, full_matrices=False)
+            kept = sizes > LOOSE * max(1.0, float(np.abs(second).max()))
+            rows = np.vstack([rows, np.column_stack([ways[kept], turn.T.dot(asked)[kept] / sizes[kept]])])
+        room.demands[: len(rows)], room.counts[DEMANDS] = rows, len(rows)
+
+    def _contradiction(self, table: Array) -> Exception:
+        """Make the error of rows that cannot hold together: held ones among themselves, or some that no control reaches."""
+        if not np.isfinite(table).all():
+            return SingularError("the ideal constraints, welds or edges have no finite values here")
+        held, names = table[: self.eliminated], [row.text for row in self.system.info]
+        if len(held) and independent(held) is None:
+            error = np.abs(held[:, :-1] @ np.linalg.lstsq(held[:, :-1], held[:, -1], rcond=RANK)[0] - held[:, -1])
+            worst = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(error > 0.1 * error.max())))
+            return SingularError(f"{', '.join(worst)} contradict each other here: drop one of them")
+        assert self.system.plan is not None
+        return out_of_reach(self.system.plan, *self.effects())
+
+    def _least_multipliers(self) -> None:
+        """Take the least of the multipliers that make the same motion by the same controls."""
+        room, e = self.room, self.eliminated
+        count, rank = int(room.counts[CHOICES]), int(room.counts[LOADS])
+        order, loads = room.order[1, :count], room.loads[:rank, :count]
+        free = np.vstack([-np.linalg.solve(loads[:, :rank], loads[:, rank:]), np.eye(count - rank)])
+        ways = free.T.dot(room.choices[order, :e])
+        self.multipliers -= ways.T.dot(np.linalg.lstsq(ways.T, self.multipliers, rcond=LOOSE)[0])
+
+    def effects(self) -> tuple[Array, Array]:
+        """Return G (r, S) of the programme's rows by the controls over their scales, and what they lack without any (r,).
+
+        Of the last evaluation; all held rows in. Leaves what every control moves in `pulled`.
+        """
         assert self.programme is not None
-        servo, self.pulled = self.system.servo, pulled
-        g, beta = w.dot(pulled.T), wanted - w.dot(a)
-        self.programme.control_matrix = g[:servo]
-        u = self.programme.least(g[:servo], beta[:servo])
-        free = null_space(g[:servo])
-        if len(w) > servo and free.shape[1]:
-            there = g[servo:].dot(free)
-            u = u + free.dot(least(there, beta[servo:] - g[servo:].dot(u)))
-            free = free.dot(null_space(there))
-        if self.settled or not free.shape[1]:
-            return u
-        back = self.back(q, v) - a[self.posed_v]
-        reach = pulled[:, self.posed_v].T * self.posed_weights[:, None]
-        return u + free.dot(least(reach.dot(free), self.posed_weights * back - reach.dot(u)))
+        e, servo = self.eliminated, slice(self.eliminated, self.eliminated + self.system.servo)
+        inverse = pin.computeMinverse(self.model, self.data, self.q)
+        controls, wanted = self.columns[self.first_control :] * self.scales[:, None], self.wanted()
+        pulled, a = controls.dot(inverse), inverse.dot(self.room.moved[0])
+        if e:
+            jacobian = self.matrix[:e]
+            answers = jacobian.dot(inverse)
+            right = np.column_stack([wanted[:e] - jacobian.dot(a), -answers.dot(controls.T)])
+            solved = self.schur(answers.dot(jacobian.T), right)
+            pulled, a = pulled + solved[:, 1:].T.dot(answers), a + solved[:, 0].dot(answers)
+        self.pulled, rows = pulled, self.matrix[servo]
+        self.programme.control_matrix = rows.dot(pulled.T)
+        self.programme.repeating = self.programme.rank(self.programme.control_matrix)[0] < self.system.servo
+        return self.programme.control_matrix, wanted[servo] - rows.dot(a)
 
     def back(self, q: Array, v: Array) -> Array:
         """Return the accelerations of joints that lead back to the posture."""
@@ -266,7 +307,6 @@ class RobotWorkspace:
             return answer
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             raise SingularError("the ideal constraints, welds or edges have no finite values here")
-        self.repeating = True
         scale = np.sqrt(np.maximum(own, 1e-300))
         answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=1e-10)[0] / scale[:, None]
         error = np.abs(matrix @ answer - right)
@@ -317,11 +357,9 @@ class RobotWorkspace:
         """Return accelerations and forces of one instant; `inputs` are the forces from outside."""
         if inputs is not None:
             self.take_inputs(inputs)
-        self.looking = True
-        try:
-            dy = self.rhs(t, y)
-        finally:
-            self.looking = False
+        dy = self.rhs(t, y)
+        if self.count:
+            self.effects()
         return Instant(
             np.array(dy[self.nq : self.end]), self.tau.copy(), self.values.copy(), np.array(self.multipliers), self.out.copy(),
             np.array(dy[self.end :]), self.matrix.copy(),
@@ -346,24 +384,14 @@ class RobotWorkspace:
         return kinetic, float(pin.computePotentialEnergy(self.model, self.data, q)), spring
 
 
-def least(matrix: Array, right: Array) -> Array:
-    """Return the least x among those that come nearest to matrix x = right."""
-    rows, columns = matrix.shape
-    room = np.zeros(max(rows, columns))
-    room[:rows] = right
-    _, answer, _, _, _ = lapack.dgelsy(matrix, room, np.zeros(columns, np.int32), LOOSE, 4 * (rows + columns) + 128)
-    return np.asarray(answer[:columns], dtype=np.float64)
-
-
-def null_space(g: Array) -> Array:
-    """Return an orthonormal basis (S, any) of what G (r, S) does not see."""
-    rows, columns = g.shape
-    if not rows:
-        return np.eye(columns)
-    factor, _, tau, _, _ = lapack.dgeqp3(g.T)
-    sizes = np.abs(factor.diagonal())
-    rank = int((sizes > RANK * max(float(sizes[0]), 1e-300)).sum())
-    whole = np.zeros((columns, columns))
-    whole[:, : min(rows, columns)] = factor[:, : min(rows, columns)]
-    basis, _, _ = lapack.dorgqr(whole, tau, lwork=64 * columns)
-    return np.asarray(basis[:, rank:], dtype=np.float64)
+def independent(table: Array) -> Array | None:
+    """Return rows (C, d) that ask the same of x as those of a table and do not repeat each other; None where they contradict."""
+    if not np.isfinite(table).all():
+        return None
+    turn, sizes, ways = np.linalg.svd(table[:, :-1], full_matrices=False)
+    kept = sizes > RANK * sizes.max(initial=0.0)
+    x = turn[:, kept].T.dot(table[:, -1])
+    error = np.abs(turn[:, kept].dot(x) - table[:, -1]).max(initial=0.0)
+    if not error <= 1e-6 * max(1.0, float(np.abs(table[:, -1]).max(initial=0.0))):
+        return None
+    return np.column_stack([ways[kept], x / sizes[kept]])
