@@ -290,6 +290,8 @@ class RobotNames(Collection[str]):
                 if entry.row[0] == core.COORDINATE:
                     name = f"T_{entry.name}"
                     found[name] = RobotForce(name, "N m" if entry.unit == "rad" else "N", entry.name, entry.joint)
+            elif entry.name in self.robots.driven:
+                continue  # this force is a result
             elif entry.name.startswith("xi"):
                 name = f"F{entry.name.removeprefix('xi')}"
                 found[name] = RobotForce(name, "N", entry.name)
@@ -312,6 +314,9 @@ class RobotNames(Collection[str]):
             place, _, axis = name.removeprefix("R_").rpartition(".")
             if len(axis) == 1 and axis in AXES:
                 return self.force_at(place, axis, where)
+        if f"xi{name.removeprefix('F')}" in self.robots.driven:
+            why = f"a law gives xi{name.removeprefix('F')}: its force is a result, read it in `controls`"
+            raise SceneError(f"{where}: unknown force {name!r:.80}: {why}")
         raise SceneError(f"{where}: unknown force {name!r:.80}; {nearest(name, self.forces)}")
 
     def force_at(self, place: str, axis: str, where: str) -> RobotForce:

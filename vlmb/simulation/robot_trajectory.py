@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from vlmb.errors import TrajectoryError, VlmbError, nearest
 from vlmb.model.frozen import read_only
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.scene.names import DAMPERS, ENERGIES, listed
+from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.simulation.columns import Column
 from vlmb.simulation.doubts import of_energy, of_rows
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
 from vlmb.simulation.trajectory import Trajectory, versions
+from vlmb.system.constraints import Constraint
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
 from vlmb.system.robot_system import RobotSystem, make_robot_system
@@ -129,21 +130,34 @@ class RobotTrajectory(Trajectory):
     @cached_property
     def controls(self) -> Mapping[str, Array]:
         """Forces by law, of a control callable and of the programme by name, (N,) [N, N m]."""
-        names = tuple(dict.fromkeys(force.name for force in self.system.named))
+        names = tuple(dict.fromkeys([*(force.name for force in self.system.named), *(d.force for d in self.system.drives)]))
         return Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """Reactions (N,) of edges, ideal rows and the knife edge; (N, 6) of welds, as `weld:left_foot`."""
-        names = tuple(dict.fromkeys(row.text for row in self.system.info[: self.system.eliminated]))
+        """Reactions (N,) of edges, ideal rows and the knife edge; (N, 6) of welds, as `weld:left_foot`.
+
+        Of a ski also `normal` [N], `roll_moment`, `pitch_moment` [N m] about A, and its `friction` [N]. Forces at points, drag,
+        springs to what it does not carry and welds to that are outer forces.
+        """
+        names = (*dict.fromkeys(row.text for row in self._told(self.system.eliminated)), *self._snow)
         return Named("reaction", names, lambda name: self._evaluations["reactions"][name])
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Errors of all rows by name; of a weld the largest of its six."""
-        count = self.system.eliminated + self.system.servo
-        names = tuple(dict.fromkeys(row.text for row in self.system.info[:count]))
+        names = tuple(dict.fromkeys(row.text for row in self._told(self.system.eliminated + self.system.servo)))
         return Named("residual", names, lambda name: self._evaluations["residuals"][name])
+
+    def _told(self, count: int) -> list[Constraint]:
+        """List the first rows, without those of lengths that follow laws: their reactions are controls."""
+        first = self.system.first_drive
+        return [row for k, row in enumerate(self.system.info[:count]) if not first <= k < first + len(self.system.drives)]
+
+    @property
+    def _snow(self) -> tuple[str, ...]:
+        found = tuple(name for name in SNOW if name != "knife_edge")
+        return (*found, *(("friction",) if self.scene.base.friction else ())) if self.system.on_ski else ()
 
     @property
     def conditions(self) -> Array:
@@ -167,7 +181,7 @@ class RobotTrajectory(Trajectory):
         count, info, rows = len(self.t), system.info, system.eliminated + system.servo
         values, lambdas = np.full((count, len(system.forces)), np.nan), np.full((count, system.eliminated), np.nan)
         errors, powers = np.full((count, 2, len(info)), np.nan), np.full((count, len(system.work_names)), np.nan)
-        strengths = np.full((count, 2), np.nan)
+        strengths, snow = np.full((count, 2), np.nan), np.full((count, 4), np.nan)
         for i, (t, y) in enumerate(zip(self.t.tolist(), self.states, strict=True)):
             if np.isnan(self.inputs[i]).any():
                 continue
@@ -178,15 +192,18 @@ class RobotTrajectory(Trajectory):
                     continue
                 raise
             values[i], lambdas[i], errors[i], powers[i] = now.values, now.multipliers, now.residuals[:2], now.powers
+            snow[i] = now.snow
             if space.programme is not None:
                 strengths[i] = space.programme.strengths(space.programme.control_matrix)
         controls: dict[str, Array] = {}
         for k, force in enumerate(system.forces):
             controls[force.name] = controls.get(force.name, 0.0) + values[:, k]
+        for k, drive in enumerate(system.drives, system.first_drive):
+            controls[drive.force] = lambdas[:, k]
         reactions: dict[str, Array] = {}
         residuals: dict[str, Residual] = {}
         equations = {row.text: row.text for row in info}
-        for name in dict.fromkeys(row.text for row in info[:rows]):
+        for name in dict.fromkeys(row.text for row in self._told(rows)):
             at = [k for k, row in enumerate(info[:rows]) if row.text == name]
             if at[0] < system.eliminated:
                 reactions[name] = read_only(lambdas[:, at] if len(at) > 1 else lambdas[:, at[0]])
@@ -197,6 +214,7 @@ class RobotTrajectory(Trajectory):
             residuals[name] = Residual(
                 read_only(position) if info[at[0]].holonomic else None, read_only(velocity), equations.get(name, "")
             )
+        reactions |= {name: read_only(snow[:, k].copy()) for k, name in enumerate(self._snow)}
         with np.errstate(divide="ignore", invalid="ignore"):
             conditions = np.fmax.reduce(strengths[:, 0], initial=0.0) / strengths[:, 1]
         return {
@@ -225,7 +243,7 @@ class RobotTrajectory(Trajectory):
     def doubts_found(self) -> tuple[str, ...]:
         """Return what contradicts itself in what was recorded, in sentences."""
         found = of_energy(self._energies, self.run)
-        held = {name: (self.residuals[name].position, self.residuals[name].velocity) for name in self.reactions}
+        held = {name: (row.position, row.velocity) for name, row in self.residuals.items() if name in self.reactions}
         rates = float(np.abs(self._coordinates[1]).max(initial=0.0))
         return (*found, *(of_rows(held, rates, self.run) if held else ()))
 
@@ -262,12 +280,13 @@ class RobotTrajectory(Trajectory):
             yield Column(name, "J", self[name])
         for name in signals:
             yield Column(name, signals.unit(name), self[name])
-        units = {force.name: force.unit for force in self.system.forces}
+        units = {force.name: force.unit for force in self.system.forces} | {drive.force: "N" for drive in self.system.drives}
         for name, values in self.controls.items():
             yield Column(name, units[name], values)
         for name, values in self.reactions.items():
             if values.ndim == 1:
-                yield Column(name, "N" if name == "knife_edge" or name.startswith("edge:") else "", values)
+                unit = "N" if name.startswith("edge:") or name == "friction" else SNOW.get(name, "")
+                yield Column(name, unit, values)
             else:
                 for k, axis in enumerate(WRENCH):
                     yield Column(f"{name}.{axis}", "N" if k < 3 else "N m", values[:, k])

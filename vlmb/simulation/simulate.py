@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.building import build
-from vlmb.model.laws import law_breaks, law_jump
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import fits
 from vlmb.scene.scene import Scene
@@ -39,6 +38,7 @@ from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.massless import require_held
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
+from vlmb.system.prescribed import breaks_of_law
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, make_system
 
@@ -309,19 +309,5 @@ def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
     breaks = system.breaks(t0, end)
     coordinates = {c.name: c for c in mechanism.layout.coordinates}
     for at in system.prescribed:
-        for t in law_breaks(at.law, t0, end):
-            value, rate = law_jump(at.law, t)
-            if abs(value) > 1e-7 or abs(rate) > 1e-4:
-                raise SceneError(
-                    f"{at.name}: the law {at.law.text!r} is not smooth enough at t = {t:.6g} s (length jumps by {value:.3g} m, "
-                    f"its rate by {rate:.3g} m/s): a prescribed length needs a continuous rate"
-                )
-            breaks.add(t)
-        low, high = mechanism.segment(coordinates[at.name]).bounds
-        times = np.linspace(t0, end, 1001)
-        for t, length in zip(times.tolist(), at.law.values(times).tolist(), strict=True):
-            if not low <= length <= high:
-                raise SceneError(
-                    f"{at.name}: the law {at.law.text!r} gives {length:.6g} m at t = {t:.6g} s, outside [{low:g}, {high:g}]"
-                )
+        breaks |= breaks_of_law(at, mechanism.segment(coordinates[at.name]).bounds, t0, end)
     return tuple(sorted(breaks))

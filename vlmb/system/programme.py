@@ -75,7 +75,7 @@ def make_plan(
         decay = VARY
     else:
         decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
-    _check_border(programme, len(rows), len(acting))
+    check_border(programme, len(rows), len(acting))
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:
@@ -86,7 +86,7 @@ def make_plan(
     )  # fmt: skip
 
 
-def _check_border(programme: Programme, rows: int, controls: int) -> None:
+def check_border(programme: Programme, rows: int, controls: int) -> None:
     """Refuse u0 and a border that do not make u_tau of (5.6) one vector."""
     spare, border = controls - rows - 1, programme.border
     if programme.u0 is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import msgspec
 import numpy as np
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.model.robot_names import RobotForce, allowed_names
+from vlmb.model.robot_names import RobotForce
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Posture, Programme, Run
 from vlmb.system.constraints import Constraint
-from vlmb.system.gains import MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
-from vlmb.system.programme import ProgrammePlan
+from vlmb.system.gains import VARY, MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
+from vlmb.system.programme import ProgrammePlan, check_border
 
 Array = NDArray[np.float64]
 
@@ -40,9 +40,10 @@ def _scales(mechanism: RobotMechanism, programme: Programme, controls: Sequence[
     given = dict[str, float]()
     for name, text in programme.weights.items():
         value = fixed_number(text, f"programme.weights.{name}", mechanism.scene.parameters)
-        if value is None or not value > 0.0:
-            raise SceneError(f"programme.weights.{name} = {text!r:.80}: a number above 0, or an expression of parameters")
-        given[name] = value
+        if value is not None and not value > 0.0:
+            raise SceneError(f"programme.weights.{name} = {text!r:.80}: a weight is above 0")
+        if value is not None:
+            given[name] = value
     weight = mechanism.table.mass * (mechanism.scene.gravity or 9.81)
     limits = effort_limits(mechanism, controls)
     default = [limit if math.isfinite(limit) else weight for limit in limits.tolist()]
@@ -51,9 +52,16 @@ def _scales(mechanism: RobotMechanism, programme: Programme, controls: Sequence[
     ])  # fmt: skip
 
 
+def read_moving_gains(
+    mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce], names: Collection[str]
+) -> MovingGains:
+    """Read what of a programme the motion gives. Raises ExpressionError."""
+    return moving_gains(programme, [force.name for force in controls], names, mechanism.scene.parameters)
+
+
 def make_robot_plan(
     mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce], rows: Sequence[Constraint],
-    second: Sequence[Constraint], run: Run,
+    second: Sequence[Constraint], run: Run, moving: MovingGains,
 ) -> ProgrammePlan:  # fmt: skip
     """Choose gains and check them. Raises SceneError for too few controls and for gains under which errors would grow."""
     if len(rows) > len(controls):
@@ -63,15 +71,16 @@ def make_robot_plan(
         if f"T_{name}" not in known:
             joints = [force.along for force in known.values() if force.joint]
             raise SceneError(f"programme.posture.weights.{name}: no joint of a robot; {nearest(name, joints)}")
-    names = allowed_names(mechanism.names, [*mechanism.scene.parameters, *mechanism.signals])
-    moving = moving_gains(programme, [force.name for force in controls], names, mechanism.scene.parameters)
-    if moving.laws:
-        raise SceneError(f"{moving.laws[0].key}: with robots gains and weights are numbers, or expressions of parameters")
+    check_border(programme, len(rows), len(controls))
+    if programme.u0 is not None and programme.posture is not None:
+        raise SceneError("programme.u0: `posture` takes what the rows leave free, and u0 does too; drop one of them")
     step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
     own = max(1.0, math.sqrt(max(mechanism.scene.gravity, 1e-3)))
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
     h, k = gain_matrices(programme, holonomic.tolist(), own, step, mechanism.scene.parameters)
-    decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
+    decay = VARY
+    if all(entry.kind == "weights" for entry in moving.entries):
+        decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:
@@ -82,7 +91,7 @@ def make_robot_plan(
         second_h, second_k = gain_matrices(given, second_holonomic.tolist(), own, step)
     return ProgrammePlan(
         tuple(row.text for row in rows), tuple(force.name for force in controls), _scales(mechanism, programme, controls),
-        holonomic, h, k, decay, MovingGains(), second_holonomic, second_h, second_k,
+        holonomic, h, k, decay, moving, second_holonomic, second_h, second_k,
     )  # fmt: skip
 
 

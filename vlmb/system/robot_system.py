@@ -5,56 +5,37 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import bodies as of_bodies
-from vlmb.core import readings as core
 from vlmb.core.bodies import move
-from vlmb.core.opcodes import RATE, VALUE
 from vlmb.core.packed import FORM, MEASURED, RESIDUAL, Packed, pack, tape_parts
 from vlmb.core.readings import TRACE, Readings
 from vlmb.errors import SceneError
 from vlmb.model.laws import parameter_values, prepared, tape_breaks
-from vlmb.model.names import AXES, DOT
+from vlmb.model.names import AXES
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.model.robot_names import RobotForce, RobotQuantity, Row, allowed_names
-from vlmb.model.tape import CompiledTape, Leaf, compile_tape, leaf_of
-from vlmb.scene.expressions import Expression, parse, parse_equation
+from vlmb.model.robot_names import RobotForce, allowed_names
+from vlmb.model.tape import CompiledTape, compile_tape
+from vlmb.scene.expressions import parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import SURFACE, Place, Posture, Run, Spring
+from vlmb.scene.tables import Posture, Run
 from vlmb.system.constraints import Constraint
 from vlmb.system.core_rows import gain_table
-from vlmb.system.gains import require_decay
+from vlmb.system.gains import MovingGains, require_decay
+from vlmb.system.prescribed import Prescribed, breaks_of_law
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
-from vlmb.system.robot_programme import make_robot_plan
+from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of
+from vlmb.system.robot_programme import make_robot_plan, read_moving_gains
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-
-class Elastic(NamedTuple):
-    """A spring between two points, as a force by a law along their distance."""
-
-    quantity: int
-    stiffness: float
-    rest: float
-    rope: bool
-
-
-class Segments(NamedTuple):
-    """Springs and dampers in segments of links: where their lengths stand."""
-
-    q: Integers
-    v: Integers
-    stiffness: Array
-    damping: Array
-    rest: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +53,7 @@ class RobotSystem:
     laws: int
     elastic: tuple[tuple[int, Elastic], ...]  # which forces by law are springs
     segments: Segments
+    drives: tuple[Prescribed, ...]  # lengths that follow laws
     plan: ProgrammePlan | None
     posture: Posture | None
     compiled: CompiledTape
@@ -89,7 +71,17 @@ class RobotSystem:
     @property
     def eliminated(self) -> int:
         """Rows that are held by reactions: they come first."""
-        return 6 * len(self.welds) + len(self.edges) + self.on_ski + len(self.mechanism.scene.constraints)
+        return self.first_drive + len(self.drives) + len(self.mechanism.scene.constraints)
+
+    @property
+    def knife_edge(self) -> int:
+        """Place of the row of the ski's knife edge, where there is one."""
+        return 6 * len(self.welds) + len(self.edges)
+
+    @property
+    def first_drive(self) -> int:
+        """Place of the first row of a length that follows a law; ideal rows stand behind these."""
+        return self.knife_edge + self.on_ski
 
     @property
     def on_ski(self) -> bool:
@@ -103,17 +95,19 @@ class RobotSystem:
 
     @cached_property
     def named(self) -> tuple[RobotForce, ...]:
-        """Forces that results tell: those by law that are no springs, inputs, controls."""
+        """Forces that results tell: those by law that are no springs and not of the air, inputs, controls."""
         springs = {at for at, _ in self.elastic}
-        return tuple(force for at, force in enumerate(self.forces) if at not in springs)
+        return tuple(force for at, force in enumerate(self.forces) if at not in springs and force.name != DRAG)
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
         """Names of the work states: forces, ideal rows that work, and "dissipation"."""
-        names = [force.name for force in self.named]
+        names = [force.name for force in self.named] + [drive.force for drive in self.drives]
         first = self.eliminated - len(self.mechanism.scene.constraints)
         names += [row.text for row in self.info[first : self.eliminated] if row.working]
-        lossy = bool(self.segments.damping.any()) or any(spring.damping for spring in self.mechanism.scene.springs)
+        scene = self.mechanism.scene
+        lossy = bool(self.segments.damping.any()) or any(spring.damping for spring in scene.springs)
+        lossy = lossy or bool(scene.base.drag or scene.base.friction)
         return (*dict.fromkeys(names), *((DAMPERS,) if lossy else ()))
 
     @property
@@ -125,54 +119,15 @@ class RobotSystem:
         """Return the times in (start, end) where a law or a row switches. Raises SceneError for too many."""
         texts = ", ".join(row.text for row in self.compiled.rows)
         found = {*tape_breaks(self.compiled, self.parameters, start, end, texts)} if self.compiled.rows else set[float]()
+        names, links = {drive.name: drive for drive in self.drives}, self.mechanism.scene.links
+        for name, drive in names.items():
+            number, which = map(int, name.removeprefix("xi").split("_"))
+            found |= breaks_of_law(drive, links[number - 1].segment(which).bounds, start, end)
         return tuple(sorted(found))
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
         """Return the same system with forces from outside, by name."""
         return make_robot_system(self.mechanism, self.run, names)
-
-
-class Quantities:
-    """Collects what equations, laws and forces read, each once; and frames that no body of the model has."""
-
-    def __init__(self, mechanism: RobotMechanism) -> None:
-        self.mechanism, self.names, self.table = mechanism, mechanism.names, mechanism.table
-        self.scene, self.signals = mechanism.scene, mechanism.signals
-        self.parameters = {name: at for at, name in enumerate(self.scene.parameters)}
-        self.rows: dict[tuple[Row, float], int] = {}
-        self.lengths: dict[str, int] = {}  # of springs, by the names that their laws use
-        self.frames = [(int(body), *place) for body, place in zip(self.table.frame, self.table.place.tolist(), strict=True)]
-
-    def of(self, quantity: RobotQuantity) -> int:
-        """Return where a quantity stands."""
-        return self.place(quantity.row, quantity.offset)
-
-    def place(self, row: Row, offset: float = 0.0) -> int:
-        """Return where a row of the core's table stands."""
-        return self.rows.setdefault((row, offset), len(self.rows))
-
-    def new_frame(self, body: int, turn: Array, place: Array) -> int:
-        """Add a frame on a body."""
-        self.frames.append((body, *np.asarray(turn, float).ravel().tolist(), *np.asarray(place, float).tolist()))
-        return len(self.frames) - 1
-
-    def resolve(self, name: str) -> Leaf:
-        """Return what a name of an equation is to the tape."""
-        known = leaf_of(name, self.parameters, self.signals, self.lengths)
-        if known is not None:
-            return known
-        quantity = self.names.find(name)
-        return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.angle)
-
-    def made(self) -> Readings:
-        """Return the table for the core."""
-        frames = np.array(self.frames, float).reshape(-1, 13)
-        kinds = np.array([row for row, _ in self.rows], np.int64).reshape(-1, 4)
-        offsets = np.array([offset for _, offset in self.rows], float)
-        return Readings(
-            frames[:, 0].astype(np.int64), np.ascontiguousarray(frames[:, 1:]), kinds, offsets, np.zeros((len(kinds), 2)),
-            np.array([self.table.mass or 1.0]),
-        )  # fmt: skip
 
 
 def make_robot_system(
@@ -189,27 +144,33 @@ def make_robot_system(
     names = allowed_names(mechanism.names, [*scene.parameters, *mechanism.signals])
     welds, edges, held = _frames_held(quantities)
     rows = rows_of(scene)
-    equations = [parse_equation(row.equation, row.key, names) for row in (*rows.ideal, *rows.servo, *rows.secondary)]
-    roots, forces, elastic = _laws(quantities, names)
+    drives = drives_of(mechanism)
+    equations = [parse_equation(row_of(drive), "links", names) for drive in drives]
+    equations += [parse_equation(row.equation, row.key, names) for row in (*rows.ideal, *rows.servo, *rows.secondary)]
+    roots, forces, elastic = laws_of(quantities, names)
     laws = len(forces)
     forces += [mechanism.names.force(name, "control") for name in inputs or ()]
     controls = mechanism.names.chosen(programme.controls, "programme.controls") if programme else ()
     forces += controls
     along = np.array([_along(quantities, force) for force in forces], np.int64)
+    moving = MovingGains() if programme is None else read_moving_gains(mechanism, programme, controls, names)
+    roots += moving.laws
     compiled = compile_tape([*equations, *roots], quantities.resolve, mechanism.signals.pieces)
     parameters = parameter_values(scene.parameters)
     info = [Constraint(name, not name.startswith("edge:"), False, frozenset(), False) for name in held]
     if scene.base.kind == "ski":
         info.append(Constraint("knife_edge", False, False, frozenset(), False))
-    ideal, servo = len(info) + len(rows.ideal), len(rows.servo)
-    for row, equation, facts in zip((*rows.ideal, *rows.servo, *rows.secondary), equations, compiled.rows, strict=False):
+    info += [Constraint(drive.force, True, False, frozenset(), True) for drive in drives]
+    ideal, servo, own = len(info) + len(rows.ideal), len(rows.servo), slice(len(drives), len(equations))
+    every = zip((*rows.ideal, *rows.servo, *rows.secondary), equations[own], compiled.rows[own], strict=True)
+    for row, equation, facts in every:
         if not facts.moves:
             raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
         info.append(Constraint(row.name, facts.position, facts.angle, equation.names, facts.working))
     if ideal:
         require_decay(run)
     first, second = info[ideal : ideal + servo], info[ideal + servo :]
-    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, first, second, run)
+    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, first, second, run, moving)
     forms = [form_of_row(facts.position, facts.angle) for facts in compiled.rows[: len(equations)]]
     readings = quantities.made()
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, [*equations, *roots]), parameters) | {
@@ -219,10 +180,10 @@ def make_robot_system(
     law = np.hstack([h, k, -np.eye(len(info))])
     if scene.base.kind == "ski" and run.knife_edge == "reduction":  # it begins at 0 and stays there
         law[len(held)] = 0.0
-    posture = None if programme is None else programme.posture or Posture()
+    posture = None if programme is None or programme.u0 is not None else programme.posture or Posture()
     return RobotSystem(
         mechanism, run, tuple(inputs or ()), tuple(info), welds, edges, held, tuple(forces), laws, tuple(elastic),
-        _segments(mechanism), plan, posture, compiled, parameters, pack(parts), readings, along, law,
+        segments_of(mechanism), drives, plan, posture, compiled, parameters, pack(parts), readings, along, law,
     )  # fmt: skip
 
 
@@ -295,53 +256,3 @@ def _pose_of(quantities: Quantities, bodies: of_bodies.Bodies, frame: int) -> tu
     return about @ place[:9].reshape(3, 3), body[9:12] + about @ place[9:]
 
 
-def _laws(quantities: Quantities, names: Any) -> tuple[list[Expression], list[RobotForce], list[tuple[int, Elastic]]]:
-    """Return the laws of a scene's forces and springs, what they act along, and which are springs."""
-    scene, roots, forces = quantities.scene, list[Expression](), list[RobotForce]()
-    for at, force in enumerate(scene.forces):
-        key = f"forces[{at}]"
-        if force.on is not None:
-            forces.append(quantities.names.force(force.on, f"{key}.on"))
-            roots.append(parse(0.0 if force.law is None else force.law, f"{key}.law", names))
-        elif force.at is not None:
-            if force.frame != SURFACE:
-                raise SceneError(f"{key}.frame = {force.frame!r}: with robots forces at points are given in the surface frame")
-            for axis, law in zip(AXES, force.force or (), strict=True):
-                forces.append(quantities.names.force_at(force.at, axis, f"{key}.at"))
-                roots.append(parse(law, f"{key}.force", names))
-    elastic = []
-    for at, spring in enumerate(scene.springs):
-        key, name = f"springs[{at}]", f"spring_{at}"
-        ends = [_end(quantities, place, f"{key}.between[{k}]") for k, place in enumerate(spring.between)]
-        where = quantities.place((core.BETWEEN, ends[0], 0, ends[1]))
-        quantities.lengths[name] = where
-        elastic.append((len(forces), Elastic(where, spring.stiffness, spring.rest, spring.tension_only)))
-        forces.append(RobotForce(name, "N", name))
-        roots.append(parse(_spring_law(spring, name), key, [name, name + DOT]))
-    return roots, forces, elastic
-
-
-def _spring_law(spring: Spring, name: str) -> str:
-    pull = f"({spring.stiffness!r}*({name} - {spring.rest!r}) + {spring.damping!r}*{name}{DOT})"
-    if spring.tension_only:
-        return f"where({name} < {spring.rest!r}, 0, -max(0, {pull}))"
-    return f"-{pull}"
-
-
-def _end(quantities: Quantities, place: Place, key: str) -> int:
-    if isinstance(place, str):
-        return quantities.mechanism.frame(place, key)
-    return quantities.new_frame(0, np.eye(3), np.array(place))
-
-
-def _segments(mechanism: RobotMechanism) -> Segments:
-    """Return the springs and dampers of the links' segments."""
-    model, found = mechanism.model, []
-    for link in mechanism.scene.links:
-        for side, segment in (("lower", link.lower), ("upper", link.upper)):
-            name = f"{link.name}.{side}"
-            if segment.motion == "free" and model.existJointName(name) and (segment.stiffness or segment.damping):
-                joint = model.joints[model.getJointId(name)]
-                found.append((joint.idx_q, joint.idx_v, segment.stiffness, segment.damping, segment.rest_length))
-    columns = np.array(found, float).reshape(-1, 5).T
-    return Segments(columns[0].astype(np.int64), columns[1].astype(np.int64), *columns[2:])

@@ -3,7 +3,8 @@
 M vdot + h = tau + J^T lambda + B u,   J vdot = gamma,   W vdot = H z + K z' - drift
 
 Without a programme M^-1 is Pinocchio's, and the rows J are solved for their multipliers. With one, what its rows leave free
-serves its secondary rows, then the posture, q'' = w^2 (q0 - q) - 2 d w q'; what is left is the least weighted control.
+serves its secondary rows, then the posture, q'' = w^2 (q0 - q) - 2 d w q'; what is left is the least weighted control. Lengths
+that follow laws are known: q and q' of a state are overwritten by them.
 """
 
 from __future__ import annotations
@@ -15,29 +16,26 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
-from vlmb.core import driven, frame_rows
-from vlmb.core.bodies import AT_V, COUNT, TYPE
+from vlmb.core import frame_rows
+from vlmb.core.bodies import COUNT, TYPE
 from vlmb.core.calls import direct
-from vlmb.core.driven import CHOICES, DEMANDS, LOADS, REPEATING, SHARED, Driven, make_driven
-from vlmb.core.readings import COORDINATE, LENGTH
+from vlmb.core.readings import COORDINATE
 from vlmb.errors import SimulationError, SingularError
 from vlmb.model.memory import make_data
-from vlmb.scene.names import DAMPERS, listed
-from vlmb.system.programme import RANK, ProgrammeControl, out_of_reach
+from vlmb.scene.names import DAMPERS
+from vlmb.system.robot_forces import DRAG
+from vlmb.system.robot_ski import RubbedSki, Snow
+from vlmb.system.robot_solving import RobotSolving
 from vlmb.system.robot_system import RobotSystem
 
 Array = NDArray[np.float64]
 
-rows_of_frames, drive = direct(frame_rows.rows_of_frames), direct(driven.drive)
+rows_of_frames = direct(frame_rows.rows_of_frames)
 
 SIDEWAYS = 1  # the ski's velocity that its knife edge forbids
-REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
-LOOSE = 1e-8  # relative size below which a direction of joints counts as out of reach of the controls
 HUGE = 1e100
 NOTHING = np.zeros(0)
-NONE_BESIDE = (np.zeros((0, 0)), np.zeros(0, np.int64))
 
 
 class Instant(NamedTuple):
@@ -50,9 +48,10 @@ class Instant(NamedTuple):
     residuals: Array  # (3, rows) z, z', drift
     powers: Array  # (work,) rates of the work states [W]
     matrix: Array  # (rows + forces, nv)
+    snow: Array  # (4,) normal force, roll and pitch moment, friction of a ski; nan without one
 
 
-class RobotWorkspace:
+class RobotWorkspace(RobotSolving):
     """The buffers of one run. One thread at a time."""
 
     def __init__(self, system: RobotSystem) -> None:
@@ -77,11 +76,9 @@ class RobotWorkspace:
         self.plain = all(kind in (0, 1) for kind in self.bodies.joint[1 : self.joints, TYPE].tolist()) and bool(
             (self.bodies.joint[1 : self.joints, COUNT] == 1).all()
         )
-        self.scales = np.zeros(0) if system.plan is None else system.plan.scales
-        self.programme = None if system.plan is None else ProgrammeControl(system.plan)
         self.multipliers = np.zeros(self.eliminated)
-        self.gains, self.second = system.gains, rows - system.eliminated - system.servo
-        self.pulled = np.zeros((0, self.nv))  # accelerations by each control in its scale, at the last solution
+        behind = 0 if system.plan is None else len(system.plan.moving.laws)
+        self.laws = np.zeros(system.laws + behind) if behind else self.values
         self.evaluations = 0
         self.lost = 0.0
         self.dy = np.zeros(self.size)
@@ -92,31 +89,21 @@ class RobotWorkspace:
         )  # fmt: skip
         self._take_posture()
         self._take_powers()
-        if self.count:
-            self.room = self._driven()
-
-    def _driven(self) -> Driven:
-        """Say which controls act in a velocity of their own, and make the room to solve in."""
-        kinds, joints, own = self.system.readings.kind, self.bodies.joint, dict[int, int]()
-        for slot, at in enumerate(self.system.along[self.first_control :].tolist()):
-            kind, first, component, second = kinds[at].tolist()
-            if kind == COORDINATE or (kind == LENGTH and min(first, second) <= 0):
-                joint = first if kind == COORDINATE else max(first, second)
-                own.setdefault(int(joints[joint, AT_V]) + component * (kind == COORDINATE), slot)
-        others = [slot for slot in range(self.count) if slot not in own.values()]
-        return make_driven(
-            self.nv, self.rows, self.eliminated, np.array([*own], np.int64), np.array([*own.values(), *others], np.int64),
-            len(others), self.posed_v, 1.0 / self.posed_weights,
-        )  # fmt: skip
+        self.prepare()
+        self.snow = Snow(self) if system.on_ski else None
+        self.friction = None if self.snow is None else self.snow.friction
+        self.q, self.v = np.zeros(self.nq), np.zeros(self.nv)
 
     def _take_posture(self) -> None:
         """Note which joints the posture of a programme goes by, where to, and how."""
         system, names = self.system, self.system.mechanism.names
-        entries = [e for e in names.entries if e.row[0] == COORDINATE and f"T_{e.name}" in names.forces]
+        posed = system.posture is not None
+        entries = [e for e in names.entries if posed and e.row[0] == COORDINATE and f"T_{e.name}" in names.forces]
         joints = [self.model.joints[entry.joint] for entry in entries]
         self.posed_q = np.array([joint.idx_q for joint in joints], np.int64)
         self.posed_v = np.array([joint.idx_v for joint in joints], np.int64)
         self.posture = np.array([system.mechanism.reference[entry.name] for entry in entries])
+        self.posed_weights = np.zeros(0)
         if system.posture is not None:
             weights = [system.posture.weights.get(entry.name, 1.0) for entry in entries]
             self.posed_weights = np.array(weights, float)
@@ -126,11 +113,16 @@ class RobotWorkspace:
     def _take_powers(self) -> None:
         """Note where in the work states each force stands; -1 for springs, whose work is their energy."""
         names, springs = self.system.work_names, dict(self.system.elastic)
-        self.slots = np.array([-1 if k in springs else names.index(f.name) for k, f in enumerate(self.system.forces)], np.intp)
+        apart = [k in springs or force.name == DRAG for k, force in enumerate(self.system.forces)]
+        slots = [-1 if own else names.index(f.name) for own, f in zip(apart, self.system.forces, strict=True)]
+        self.slots = np.array(slots, np.intp)
+        self.drag = [k for k, force in enumerate(self.system.forces) if force.name == DRAG]
         self.apart = len({*self.slots.tolist()} - {-1}) == len(self.slots)
         first = self.eliminated - len(self.system.mechanism.scene.constraints)
         ideal = list(enumerate(self.system.info[: self.eliminated]))[first:]
         self.working = [(k, names.index(row.text)) for k, row in ideal if row.working]
+        drives = enumerate(self.system.drives, self.system.first_drive)
+        self.working += [(k, names.index(drive.force)) for k, drive in drives]
         self.damped = DAMPERS in names
 
     @property
@@ -161,11 +153,15 @@ class RobotWorkspace:
 
     def solve(self, t: float, y: Array) -> Array:
         """Return vdot; leaves forces and multipliers of this instant, and q' in `dy`."""
-        nq, model, data = self.nq, self.model, self.data
+        nq, model = self.nq, self.model
         q, v = y[:nq], y[nq : self.end]
-        fine = rows_of_frames(*self.arguments, t, q, v, self.dy[:nq], self.out, self.matrix, self.values)
+        if self.system.drives:
+            q, v = self.driven_state(t, q, v)
+        fine = rows_of_frames(*self.arguments, t, q, v, self.dy[:nq], self.out, self.matrix, self.laws)
         if not fine:
             raise self.not_finite()
+        if self.laws is not self.values:
+            self.values[: self.system.laws] = self.laws[: self.system.laws]
         if not self.plain:
             q = pin.normalize(model, q)
         tau, segments = self.tau, self.system.segments
@@ -175,105 +171,49 @@ class RobotWorkspace:
             rates = v[segments.v]
             np.add.at(tau, segments.v, -segments.stiffness * (q[segments.q] - segments.rest) - segments.damping * rates)
             self.lost = float(segments.damping.dot(rates * rates))
-        self.q = q
+        self.q, self.v = q, v
+        return self.accelerations() if self.friction is None else self.rubbed(self.friction)
+
+    def driven_state(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q and v with the lengths that laws give."""
+        q, v = np.array(q), np.array(v)
+        for drive in self.system.drives:
+            q[drive.q], v[drive.v], _ = drive.law.jet(t)
+        return q, v
+
+    def accelerations(self) -> Array:
+        """Return vdot of what was written last; the array may be written again by the next call."""
+        q, v, model, data = self.q, self.v, self.model, self.data
         if self.count:
             back = self.back(q, v) if len(self.posed_q) else NOTHING
             return self.controlled(pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v), back)
-        if self.first_control:
-            tau += self.values.dot(self.columns)
+        tau = self.tau + self.values.dot(self.columns) if self.first_control else self.tau
         if self.free:
             answer: Array = pin.aba(model, data, q, v, tau)
             return answer
         bias = pin.nonLinearEffects(model, data, q, v)
         return self.held(pin.computeMinverse(model, data, q), tau - bias)
 
-    def held(self, inverse: Array, b: Array) -> Array:
-        """Return vdot under held rows alone, from M^-1 and the forces b (nv,)."""
-        jacobian = self.matrix[: self.eliminated]
-        answers, a = jacobian.dot(inverse), inverse.dot(b)
-        right = self.wanted() - jacobian.dot(a)
-        self.multipliers = self.schur(answers.dot(jacobian.T), right[:, None])[:, 0]
-        a += self.multipliers.dot(answers)
-        return a
+    def rubbed(self, friction: RubbedSki) -> Array:
+        """Return vdot with the friction under the ski, from two answers without it."""
+        own, edge = self.tau.copy(), self.system.knife_edge
 
-    def controlled(self, mass: Array, bias: Array, back: Array) -> Array:
-        """Return vdot under all rows, those of the programme by its controls: see `vlmb.core.driven`."""
-        given = (
-            *self.room, mass, bias, self.tau, self.matrix, self.values, self.scales, self.gains, self.out, self.first_control,
-            *NONE_BESIDE, back, self.multipliers,
-        )  # fmt: skip
-        code = REPEATING if self.second else drive(*given, 0)
-        if code == REPEATING:
-            drive(*given, 1)
-            self._make_independent()
-            code = drive(*given, 2)
-        if code == SHARED:
-            self._least_multipliers()
-        return self.room.moved[1]
+        def answer(force: float) -> tuple[float, float, float]:
+            assert self.snow is not None
+            self.tau[:] = own
+            self.tau[0] += force
+            vdot = self.accelerations()
+            along, across = float(vdot[0]), float(self.multipliers[edge]) if friction.carves else 0.0
+            return float(self.snow.bears(self.q, self.v, vdot)[0]), across, along
 
-    def wanted(self) -> Array:
-        """Return what W vdot shall be (rows,)."""
-        found: Array = self.gains.dot(self.out.ravel())
-        return found
-
-    def _make_independent(self) -> None:
-        """Put rows that do not repeat each other in the place of C and d. Raises SingularError where rows contradict."""
-        room, first = self.room, self.rows - self.second
-        table = room.demands[: int(room.counts[DEMANDS])]
-        rows = independent(np.delete(table, slice(first, self.rows), axis=0))
-        if rows is None:
-            raise self._contradiction(table)
-        if self.second:  # as near as the others let them, in their own units
-            basis, x = rows[:, :-1], rows[:, -1]
-            second = self.matrix[first : self.rows][:, np.concatenate([room.rest, room.posed])]
-            seen = second.dot(basis.T)
-            left, asked = second - seen.dot(basis), self.wanted()[first:] - seen.dot(x)
-            turn, sizes, ways = np.linalg.svd(left, full_matrices=False)
-            kept = sizes > LOOSE * max(1.0, float(np.abs(second).max()))
-            rows = np.vstack([rows, np.column_stack([ways[kept], turn.T.dot(asked)[kept] / sizes[kept]])])
-        room.demands[: len(rows)], room.counts[DEMANDS] = rows, len(rows)
-
-    def _contradiction(self, table: Array) -> Exception:
-        """Make the error of rows that cannot hold together: held ones among themselves, or some that no control reaches."""
-        if not np.isfinite(table).all():
-            return SingularError("the ideal constraints, welds or edges have no finite values here")
-        held, names = table[: self.eliminated], [row.text for row in self.system.info]
-        if len(held) and independent(held) is None:
-            error = np.abs(held[:, :-1] @ np.linalg.lstsq(held[:, :-1], held[:, -1], rcond=RANK)[0] - held[:, -1])
-            worst = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(error > 0.1 * error.max())))
-            return SingularError(f"{', '.join(worst)} contradict each other here: drop one of them")
-        assert self.system.plan is not None
-        return out_of_reach(self.system.plan, *self.effects())
-
-    def _least_multipliers(self) -> None:
-        """Take the least of the multipliers that make the same motion by the same controls."""
-        room, e = self.room, self.eliminated
-        count, rank = int(room.counts[CHOICES]), int(room.counts[LOADS])
-        order, loads = room.order[1, :count], room.loads[:rank, :count]
-        free = np.vstack([-np.linalg.solve(loads[:, :rank], loads[:, rank:]), np.eye(count - rank)])
-        ways = free.T.dot(room.choices[order, :e])
-        self.multipliers -= ways.T.dot(np.linalg.lstsq(ways.T, self.multipliers, rcond=LOOSE)[0])
-
-    def effects(self) -> tuple[Array, Array]:
-        """Return G (r, S) of the programme's rows by the controls over their scales, and what they lack without any (r,).
-
-        Of the last evaluation; all held rows in. Leaves what every control moves in `pulled`.
-        """
-        assert self.programme is not None
-        e, servo = self.eliminated, slice(self.eliminated, self.eliminated + self.system.servo)
-        inverse = pin.computeMinverse(self.model, self.data, self.q)
-        controls, wanted = self.columns[self.first_control :] * self.scales[:, None], self.wanted()
-        pulled, a = controls.dot(inverse), inverse.dot(self.room.moved[0])
-        if e:
-            jacobian = self.matrix[:e]
-            answers = jacobian.dot(inverse)
-            right = np.column_stack([wanted[:e] - jacobian.dot(a), -answers.dot(controls.T)])
-            solved = self.schur(answers.dot(jacobian.T), right)
-            pulled, a = pulled + solved[:, 1:].T.dot(answers), a + solved[:, 0].dot(answers)
-        self.pulled, rows = pulled, self.matrix[servo]
-        self.programme.control_matrix = rows.dot(pulled.T)
-        self.programme.repeating = self.programme.rank(self.programme.control_matrix)[0] < self.system.servo
-        return self.programme.control_matrix, wanted[servo] - rows.dot(a)
+        friction.solve(float(self.v[0]), answer)
+        self.tau[:] = own
+        self.tau[0] += friction.force
+        vdot = self.accelerations()
+        if friction.stands:
+            vdot[0] = 0.0
+        self.lost -= friction.force * float(self.v[0])
+        return vdot
 
     def back(self, q: Array, v: Array) -> Array:
         """Return the accelerations of joints that lead back to the posture."""
@@ -281,53 +221,23 @@ class RobotWorkspace:
         found: Array = stiffness * (self.posture - q[self.posed_q]) - damping * v[self.posed_v]
         return found
 
-    def unreached(self) -> list[str]:
-        """Say which joints a posture does not reach, and which controls only load what is held, at the last look."""
-        system, told = self.system, list[str]()
-        if system.plan is None:
-            return told
-        controlled = {force.name for force in system.forces[self.first_control :]}
-        passive = [f.along for f in system.mechanism.names.forces.values() if f.joint and f.name not in controlled]
-        if passive:
-            told.append(f"posture: {listed(passive)} have no control and move as the others let them")
-        sizes = np.linalg.svd(self.pulled, compute_uv=False)
-        idle = self.count - int((sizes > LOOSE * sizes.max(initial=0.0)).sum()) if len(sizes) else 0
-        if idle:
-            told.append(
-                f"programme: {self.count} controls move {self.count - idle} rates: {idle} combinations only load what is welded, "
-                "and the motion does not determine them: the least weighted control is taken"
-            )
-        return told
-
-    def schur(self, matrix: Array, right: Array) -> Array:
-        """Solve (J M^-1 J^T) x = right; the least x where rows repeat each other. Raises SingularError where they contradict."""
-        factor, answer, info = lapack.dposv(matrix, right)
-        pivots, own = factor.diagonal(), matrix.diagonal()
-        if not info and bool((pivots * pivots > REPEATED * own).all()):
-            return answer
-        if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
-            raise SingularError("the ideal constraints, welds or edges have no finite values here")
-        scale = np.sqrt(np.maximum(own, 1e-300))
-        answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=1e-10)[0] / scale[:, None]
-        error = np.abs(matrix @ answer - right)
-        if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
-            names = [row.text for row in self.system.info]
-            worst = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())))
-            raise SingularError(f"{', '.join(worst)} contradict each other here: drop one of them")
-        return np.asarray(answer, dtype=np.float64)
-
     def not_finite(self) -> Exception:
         """Make the error of rows or forces without a finite value."""
         sizes = np.abs(self.out).sum(axis=0) + np.abs(self.matrix[: self.rows]).sum(axis=1)
         names = [row.text for row in self.system.info]
         bad = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(~np.isfinite(sizes))))
-        bad += [repr(f.name) for f, value in zip(self.system.forces, self.values, strict=True) if not math.isfinite(value)]
+        for k, value in enumerate(self.laws[: len(self.system.compiled.rows)].tolist()):
+            if math.isfinite(value):
+                continue
+            if k >= self.system.laws and self.system.plan is not None:
+                return self.system.plan.moving.failure(k - self.system.laws, value)
+            bad.append(repr(self.system.forces[k].name))
         what = " and ".join(bad[:4]) or "an equation"
         return SimulationError(f"{what} has no finite value here: at a pole, or outside a domain")
 
     def powers(self, y: Array) -> None:
         """Write the rates of the work states of the last solution into `dy`."""
-        v, work = y[self.nq : self.end], self.dy[self.end :]
+        v, work = self.v, self.dy[self.end :]
         work.fill(0.0)
         rates = self.columns.dot(v)
         lost = self.lost
@@ -339,6 +249,8 @@ class RobotWorkspace:
             length = self.spring_length(spring.quantity)
             taut = length > spring.rest or not spring.rope
             lost -= (float(self.values[k]) + spring.stiffness * (length - spring.rest) * taut) * float(rates[k])
+        for k in self.drag:
+            lost -= float(self.values[k]) * float(rates[k])
         for k, slot in self.working:
             work[slot] += self.multipliers[k] * float(self.matrix[k].dot(v))
         if self.damped:
@@ -358,11 +270,16 @@ class RobotWorkspace:
         if inputs is not None:
             self.take_inputs(inputs)
         dy = self.rhs(t, y)
+        vdot = np.array(dy[self.nq : self.end])
         if self.count:
             self.effects()
+        snow = np.full(4, np.nan)
+        if self.snow is not None:
+            snow[:3] = self.snow.bears(self.q, self.v, vdot)
+            snow[3] = 0.0 if self.friction is None else self.friction.force
         return Instant(
-            np.array(dy[self.nq : self.end]), self.tau.copy(), self.values.copy(), np.array(self.multipliers), self.out.copy(),
-            np.array(dy[self.end :]), self.matrix.copy(),
+            vdot, self.tau.copy(), self.values.copy(), np.array(self.multipliers), self.out.copy(), np.array(dy[self.end :]),
+            self.matrix.copy(), snow,
         )  # fmt: skip
 
     def take_inputs(self, inputs: Sequence[float] | Array) -> None:
@@ -382,16 +299,3 @@ class RobotWorkspace:
                 spring += 0.5 * entry.stiffness * (max(stretch, 0.0) if entry.rope else stretch) ** 2
         kinetic = float(pin.computeKineticEnergy(self.model, self.data, q, v))
         return kinetic, float(pin.computePotentialEnergy(self.model, self.data, q)), spring
-
-
-def independent(table: Array) -> Array | None:
-    """Return rows (C, d) that ask the same of x as those of a table and do not repeat each other; None where they contradict."""
-    if not np.isfinite(table).all():
-        return None
-    turn, sizes, ways = np.linalg.svd(table[:, :-1], full_matrices=False)
-    kept = sizes > RANK * sizes.max(initial=0.0)
-    x = turn[:, kept].T.dot(table[:, -1])
-    error = np.abs(turn[:, kept].dot(x) - table[:, -1]).max(initial=0.0)
-    if not error <= 1e-6 * max(1.0, float(np.abs(table[:, -1]).max(initial=0.0))):
-        return None
-    return np.column_stack([ways[kept], x / sizes[kept]])
