@@ -149,7 +149,22 @@ def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str
     if not np.isfinite(inertias).all() or (inertias < 0.0).any():
         raise SceneError(f"{key}.urdf: a mass of it is negative or not finite")
     _rename(model, robot.name)
+    _add_points(model, robot, key)
     return model, posture, {f"{robot.name}.{identifier(name)}" for name in told}, notes
+
+
+def _add_points(model: Any, robot: Robot, key: str) -> None:
+    """Add frames at points of a robot's frames. Raises SceneError for one whose frame is none, or whose name is taken."""
+    for name, (on, *at) in robot.points.items():
+        whole, where = f"{robot.name}.{identifier(robot.aliases.get(on, on))}", f"{key}.points.{name}"
+        if not model.existFrame(whole):
+            known = [frame.name.partition(".")[2] for frame in model.frames]
+            raise SceneError(f"{where}: no frame {on!r:.80}; {nearest(on, known)}")
+        if model.existFrame(f"{robot.name}.{name}") or name in robot.aliases:
+            raise SceneError(f"{where}: the robot has a frame of this name already; choose another")
+        frame = model.frames[model.getFrameId(whole)]
+        place = frame.placement * pin.SE3(np.eye(3), np.array(at))
+        model.addFrame(pin.Frame(f"{robot.name}.{name}", frame.parentJoint, 0, place, pin.FrameType.OP_FRAME), False)
 
 
 def _posture(robot: Robot, text: RobotText, model: Any, key: str) -> tuple[Array, set[str]]:

@@ -326,6 +326,12 @@ class RobotNames(Collection[str]):
             raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(place, [*self.robots.frames, 'com'])}")
         return RobotForce(f"R_{name}", "N", name)
 
+    def point(self, place: str, where: str) -> int:
+        """Return a frame by its name as a place. Raises SceneError for one that is none."""
+        if place not in self.robots.frames:
+            raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(place, self.robots.frames)}")
+        return self.robots.frames[place]
+
     def chosen(self, patterns: Sequence[str], where: str) -> tuple[RobotForce, ...]:
         """Return the controls that patterns name: `talos.*`, less `-talos.head_*`, or forces by name. Raises SceneError."""
         found: dict[str, RobotForce] = {}

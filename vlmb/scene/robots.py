@@ -103,7 +103,5 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
     for index, force in enumerate(scene.forces):
         if force.between is not None:
             refuse(f"forces[{index}]", "springs between two directions are not there in scenes with robots; use [[springs]]")
-    if scene.contacts:
-        refuse("contacts", "contacts are there for scenes of links alone; weld a foot to the ground, or leave the robot out")
     if scene.run.engine == "core":
         refuse("run.engine", "scenes with robots run on 'pinocchio' ('auto')")

@@ -19,6 +19,7 @@ from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
+from vlmb.simulation.robot_phases import RobotPhases, with_engine
 from vlmb.simulation.robot_trajectory import RobotTrajectory
 from vlmb.system import interrupts
 from vlmb.system.pace import longest_steps, require_data
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 
 def simulate_robots(
     mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None,
-    start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None,
+    start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None, until: str = "",
 ) -> RobotTrajectory:  # fmt: skip
     """Simulate with checked options; see `vlmb.simulate`."""
     if start is not None:
@@ -48,11 +49,18 @@ def simulate_robots(
     breaks = system.breaks(t0, t0 + run.duration)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
-        engine = RobotEngine(system, begin.state, control if system.inputs else None)
+        asked_for = control if system.inputs else None
+        system = with_engine(system, begin.state)
+        engine = RobotEngine(system, begin.state, asked_for)
         y = engine.pack(begin.state)
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
         began, used = time.perf_counter(), time.thread_time()
-        loop = Loop(engine, run, y, times, breaks, t0, bounds, progress, np.inf if control is None else 1.0 / run.samples)
+        longest = np.inf if control is None else 1.0 / run.samples
+        loop: Loop | RobotPhases
+        if system.points:
+            loop = RobotPhases(system, run, y, times, breaks, t0, bounds, asked_for, progress, longest, until)
+        else:
+            loop = Loop(engine, run, y, times, breaks, t0, bounds, progress, longest)
 
         def trajectory(status: str, message: str) -> RobotTrajectory:
             stats = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.mechanism import Mechanism
@@ -10,10 +11,13 @@ from vlmb.model.quantities import allowed_names
 from vlmb.scene.expressions import Expression, parse
 from vlmb.system.events import OPENS, SLIPS, STICKS, TOUCHES
 
+if TYPE_CHECKING:
+    from vlmb.model.robot_mechanism import RobotMechanism
+
 KINDS = (TOUCHES, OPENS, SLIPS, STICKS)
 
 
-def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, Expression | None]:
+def read_until(mechanism: Mechanism | RobotMechanism, until: str | None) -> tuple[str, Expression | None]:
     """Return an event of a contact, "touch left", or an expression; neither for None.
 
     Raises SceneError for a contact or a kind that is none, ExpressionError for what cannot be read.
@@ -24,6 +28,8 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, Expression
         raise SceneError(f'until = {until!r:.80}: must be a text, such as "touch left", or "z_dot"')
     words = re.fullmatch(r"\s*([A-Za-z]+)\s+([A-Za-z][\w.]*)\s*", until)
     if words is None:
+        if not isinstance(mechanism, Mechanism):
+            raise SceneError(f'until = {until!r:.80}: with robots an event of a contact, such as "touch left"')
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", parse(until, "until", names)
     kind, name = words[1], words[2]

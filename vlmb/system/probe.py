@@ -36,7 +36,7 @@ class Probe:
 
     def __init__(self, system: System, engine: str, bare: bool) -> None:
         open_ = system.phase([Footing()] * len(system.points), bare)
-        given = () if bare else system.forces.inputs or ()
+        given = () if bare else system.inputs
         forces = [
             (3 * point.index + axis, f"F_{AXES[axis]}" if point.contact.point == BASE else f"R_{name}")
             for point in system.points

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from vlmb.core.readings import ELEVATION, HEADING, measure
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.layout import State
 from vlmb.system import interrupts
+from vlmb.system.contacts import ContactLook
 from vlmb.system.events import FALLING, LIMIT, Event
 from vlmb.system.friction import FRICTION_EVENTS, indicators_of
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
@@ -85,10 +87,12 @@ class RobotEngine:
         self.limits = _Limits(system, programme is not None and programme.limits == "stop")
         self.branching = [k for k, row in enumerate(self.workspace.readings.kind.tolist()) if row[0] in (HEADING, ELEVATION)]
 
-    @property
+    @cached_property
     def events(self) -> tuple[Event, ...]:
         """What is looked for after every step."""
-        return self.limits.events if self.friction is None else (*self.limits.events, *FRICTION_EVENTS)
+        contacts = self.workspace.contacts
+        rubbed, touching = () if self.friction is None else FRICTION_EVENTS, () if contacts is None else contacts.events
+        return (*self.limits.events, *rubbed, *touching)
 
     @property
     def velocities(self) -> slice:
@@ -122,6 +126,8 @@ class RobotEngine:
                 t, y = float(real[TIME]), driver.point
                 self.accept(t, y)
                 real[H_MAX] = min([h_max, *(step for begin, end, step in bounds.tolist() if begin <= t < end)])
+                if self.workspace.contacts is not None:
+                    self.workspace.contacts.keep()
                 if self.events:
                     driver.indicators[VALUE : RATE + 1] = self.indicators(t, y)
             else:
@@ -176,7 +182,40 @@ class RobotEngine:
         if self.friction is not None:
             speed, rate = float(space.v[0]), float(dy[space.nq])
             found.append(indicators_of(self.friction.found, self.friction.mu, speed, rate))
+        if space.contacts is not None:
+            found.append(space.contacts.look(t, space.q, space.v, dy[self.velocities], space.multipliers))
         return np.hstack(found)
+
+    def look_at_contacts(self, t: float, y: Array) -> ContactLook:
+        """Return places and gaps of all contacts with two derivatives, and what holds closed ones, at (t, y)."""
+        rates, space = self.evaluate(t, y), self.workspace
+        contacts = space.contacts
+        assert contacts is not None
+        jets = contacts.jets(t, space.q, space.v, rates[self.velocities])
+        ways = np.array(contacts.last).reshape(-1, 3)
+        return ContactLook(jets, np.array(space.multipliers[contacts.first :]), ways, rates)
+
+    def hold_inputs(self, values: Sequence[float] | Array) -> None:
+        """Let forces from outside have these values (S,), where no control is asked for them."""
+        self.workspace.take_inputs(values)
+
+    def inputs_at(self, t: float, y: Array) -> list[float]:
+        """Ask the control, once, for the forces (S,) that it gives at a state."""
+        return [float(value) for value in self._ask(t, y)] if self.control else []
+
+    def branch(self) -> list[tuple[tuple[int, ...], float, float]]:
+        """Return near which values angles are read, by how the core reads them."""
+        space = self.workspace
+        kinds, near = space.readings.kind.tolist(), space.reference.tolist()
+        return [(tuple(kinds[k]), *near[k]) for k in self.branching]
+
+    def take_branch(self, branch: Sequence[tuple[tuple[int, ...], float, float]]) -> None:
+        """Read angles near values that another engine told."""
+        known, space = {kind: near for kind, *near in branch}, self.workspace
+        for k in self.branching:
+            near = known.get(tuple(space.readings.kind[k].tolist()))
+            if near is not None:
+                space.reference[k] = near
 
     def rows(self, t: float, y: Array) -> RowState:  # pragma: no cover
         """Return the ideal rows; nothing asks for them here."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -26,6 +27,7 @@ from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Posture, Run
 from vlmb.system.constraints import Constraint
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
 from vlmb.system.core_rows import gain_table
 from vlmb.system.gains import MovingGains, require_decay
 from vlmb.system.prescribed import Prescribed, breaks_of_law
@@ -36,6 +38,8 @@ from vlmb.system.robot_programme import make_robot_plan, read_moving_gains
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+KEPT = ("robots", "names", "table", "roots", "reference", "_readings")  # of a mechanism, whatever phase it is in
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +66,9 @@ class RobotSystem:
     readings: Readings  # without `reference` of its own
     along: Integers
     gains: Array  # (rows, 3 rows) of z, z' and drift: what W vdot shall be
+    seen: Integers  # (contacts, 3) quantities that are their points' x, y, z; -1 where there is none
+    contacts: PhaseContacts | None = None  # of a phase
+    mover: Callable[[RobotSystem, Sequence[Any], Any], Any] | None = None  # makes its engine: (system, branch, control)
 
     @property
     def engine(self) -> str:
@@ -101,13 +108,16 @@ class RobotSystem:
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
-        """Names of the work states: forces, ideal rows that work, and "dissipation"."""
+        """Names of the work states: forces, ideal rows that work, contacts, and "dissipation"; in a phase the run's."""
+        if self.contacts is not None:
+            return self.contacts.works
         names = [force.name for force in self.named] + [drive.force for drive in self.drives]
         first = self.eliminated - len(self.mechanism.scene.constraints)
         names += [row.text for row in self.info[first : self.eliminated] if row.working]
         scene = self.mechanism.scene
         lossy = bool(self.segments.damping.any()) or any(spring.damping for spring in scene.springs)
         lossy = lossy or bool(scene.base.drag or scene.base.friction)
+        names += work_names_of(self.points)
         return (*dict.fromkeys(names), *((DAMPERS,) if lossy else ()))
 
     @property
@@ -127,7 +137,26 @@ class RobotSystem:
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
         """Return the same system with forces from outside, by name."""
-        return make_robot_system(self.mechanism, self.run, names)
+        made = make_robot_system(self.mechanism, self.run, names)
+        return dataclasses.replace(made, contacts=self.contacts, mover=self.mover)
+
+    def moved_by(self, mover: Callable[[RobotSystem, Sequence[Any], Any], Any]) -> RobotSystem:
+        """Return the same system with what makes its engine."""
+        return dataclasses.replace(self, mover=mover)
+
+    @cached_property
+    def points(self) -> tuple[ContactPoint, ...]:
+        """The contacts of the scene."""
+        return contact_points(cast(Any, self.mechanism))
+
+    def phase(self, footings: Sequence[Footing], bare: bool = False) -> RobotSystem:
+        """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
+        scene = self.mechanism.scene
+        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare))
+        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
+        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
+        system = make_robot_system(made, self.run, None if bare else self.inputs or None)
+        return dataclasses.replace(system, contacts=contacts, mover=self.mover)
 
 
 def make_robot_system(
@@ -172,6 +201,8 @@ def make_robot_system(
     first, second = info[ideal : ideal + servo], info[ideal + servo :]
     plan = None if programme is None else make_robot_plan(mechanism, programme, controls, first, second, run, moving)
     forms = [form_of_row(facts.position, facts.angle) for facts in compiled.rows[: len(equations)]]
+    points = contact_points(cast(Any, mechanism))
+    seen = np.array([[_seen(quantities, name) for name in point.names] for point in points], np.int64)
     readings = quantities.made()
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, [*equations, *roots]), parameters) | {
         FORM: np.array(forms, np.int64), MEASURED: np.zeros(3 * len(readings.kind)), RESIDUAL: np.zeros(3 * len(forms)),
@@ -184,7 +215,12 @@ def make_robot_system(
     return RobotSystem(
         mechanism, run, tuple(inputs or ()), tuple(info), welds, edges, held, tuple(forces), laws, tuple(elastic),
         segments_of(mechanism), drives, plan, posture, compiled, parameters, pack(parts), readings, along, law,
+        seen.reshape(-1, 3),
     )  # fmt: skip
+
+
+def _seen(quantities: Quantities, name: str) -> int:
+    return quantities.of(quantities.names.find(name)) if name else -1
 
 
 def _along(quantities: Quantities, force: RobotForce) -> int:

@@ -24,6 +24,7 @@ from vlmb.core.readings import COORDINATE
 from vlmb.errors import SimulationError, SingularError
 from vlmb.model.memory import make_data
 from vlmb.scene.names import DAMPERS
+from vlmb.system.robot_contacts import RobotContacts
 from vlmb.system.robot_forces import DRAG
 from vlmb.system.robot_ski import RubbedSki, Snow
 from vlmb.system.robot_solving import RobotSolving
@@ -92,6 +93,8 @@ class RobotWorkspace(RobotSolving):
         self.prepare()
         self.snow = Snow(self) if system.on_ski else None
         self.friction = None if self.snow is None else self.snow.friction
+        self.contacts = None if system.contacts is None else RobotContacts(self, system.contacts, system.seen)
+        self.slides = self.contacts is not None and bool(self.contacts.sliding)
         self.q, self.v = np.zeros(self.nq), np.zeros(self.nv)
 
     def _take_posture(self) -> None:
@@ -120,7 +123,8 @@ class RobotWorkspace(RobotSolving):
         self.apart = len({*self.slots.tolist()} - {-1}) == len(self.slots)
         first = self.eliminated - len(self.system.mechanism.scene.constraints)
         ideal = list(enumerate(self.system.info[: self.eliminated]))[first:]
-        self.working = [(k, names.index(row.text)) for k, row in ideal if row.working]
+        own = {} if self.system.contacts is None else self.system.contacts.work_of()
+        self.working = [(k, names.index(own.get(row.text, row.text))) for k, row in ideal if row.working]
         drives = enumerate(self.system.drives, self.system.first_drive)
         self.working += [(k, names.index(drive.force)) for k, drive in drives]
         self.damped = DAMPERS in names
@@ -172,6 +176,8 @@ class RobotWorkspace(RobotSolving):
             np.add.at(tau, segments.v, -segments.stiffness * (q[segments.q] - segments.rest) - segments.damping * rates)
             self.lost = float(segments.damping.dot(rates * rates))
         self.q, self.v = q, v
+        if self.slides and self.contacts is not None:
+            self.beside = self.contacts.slide(t, q, v)
         return self.accelerations() if self.friction is None else self.rubbed(self.friction)
 
     def driven_state(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
@@ -251,6 +257,8 @@ class RobotWorkspace(RobotSolving):
             lost -= (float(self.values[k]) + spring.stiffness * (length - spring.rest) * taut) * float(rates[k])
         for k in self.drag:
             lost -= float(self.values[k]) * float(rates[k])
+        if self.slides and self.contacts is not None:
+            self.contacts.add_powers(self.multipliers, work)
         for k, slot in self.working:
             work[slot] += self.multipliers[k] * float(self.matrix[k].dot(v))
         if self.damped:

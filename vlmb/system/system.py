@@ -109,6 +109,11 @@ class System:
         return made
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of forces from outside."""
+        return tuple(self.forces.inputs or ())
+
+    @property
     def knife_edge(self) -> str:
         """Form of the knife edge; "none" without a ski."""
         return self.run.knife_edge if self.mechanism.layout.base == "ski" else "none"
