@@ -1,22 +1,31 @@
-"""A run of robots in phases: what a run in phases asks of links, answered by robots."""
+"""A run of robots in phases: what a run in phases asks of links, answered by robots.
+
+The posture of a programme gives way to contacts that are closed, so what its torques are depends on which are. Modes of contacts
+that go on are those under whose torques, held as they are, just these modes follow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.layout import State
+from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.simulation.phased_run import PhasedRun
 from vlmb.simulation.samples import Samples
-from vlmb.system.contacts import ContactPoint
+from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, ContactPoint, Footing, footing_at
+from vlmb.system.probe import Answers, Probe
 from vlmb.system.robot_engine import RobotEngine, RobotView
 from vlmb.system.robot_system import RobotSystem
 
 Array = NDArray[np.float64]
+
+MOST = 60  # sets of modes that are tried
 
 
 class RobotPhases(PhasedRun):
@@ -27,6 +36,8 @@ class RobotPhases(PhasedRun):
         control: Any, progress: Callable[[float], None] | None, longest: float, until: str,
     ) -> None:  # fmt: skip
         asked: Any = system
+        self.torques: Probe | None = None  # contacts under given controls
+        self.given: list[float] = []  # these: from outside, and of the programme
         super().__init__(asked, run, y, times, breaks, start, bounds, [], control, progress, longest, until)
 
     def _branch_at(self, y: Array) -> list[Any]:
@@ -36,6 +47,72 @@ class RobotPhases(PhasedRun):
         """Return how angles are read from here on; samples have no branches of their own."""
         assert isinstance(self.mover, RobotEngine)
         return [self.mover.branch()]
+
+    def _modes(
+        self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array], *rest: Any
+    ) -> tuple[dict[int, str], dict[int, Array], str]:
+        """Return the modes that follow under the torques that the programme gives in these modes."""
+        system: Any = self.system
+        if system.plan is None or not resting:
+            return super()._modes(y, resting, frames, speeds, *rest)
+        states, ways = dict.fromkeys(resting, HELD), dict[int, Array]()
+        for k in resting:
+            across, point = speeds[k][:-1], self.points[k]
+            size = float(np.linalg.norm(across))
+            if point.smooth or (point.contact.slips and size > STILL):
+                states[k] = SLIDING
+            if states[k] == SLIDING and not point.smooth:
+                ways[k] = frames[k][:-1].T @ across / size
+        if self.torques is None:
+            controls = system.forces[len(system.forces) - len(system.plan.names) :]
+            names = (*system.inputs, *(force.name for force in controls))
+            self.torques = Probe(system.commanded(names), system.engine, bare=False)
+        own, tried, given = self.forces, list[dict[int, str]](), dict(states)
+        others = self._fewer(given)
+        try:
+            while len(tried) < MOST:
+                tried.append(states)
+                self.given = self._torques(y, states, ways)
+                self.forces = self.torques
+                found = super()._modes(y, resting, frames, speeds, *rest)
+                self.forces = own
+                if found[0] == states and not found[2]:
+                    return found
+                states = found[0]
+                if found[2] or states in tried:
+                    fewer = next((other for other in others if other not in tried), None)
+                    if fewer is None:
+                        break
+                    states = fewer
+                ways = {k: found[1].get(k, ways.get(k, np.zeros(3))) for k, state in states.items() if state == SLIDING}
+        finally:
+            self.forces = own
+        touching = listed([self.points[k].name for k in resting])
+        return {}, {}, f"no modes of the contacts {touching} go on: in each the torques of the programme lead to others"
+
+    @staticmethod
+    def _fewer(states: Mapping[int, str]) -> Iterator[dict[int, str]]:
+        """Yield the same modes with some contacts open, the fewest first."""
+        for count in range(len(states) + 1):
+            for opened in itertools.combinations(states, count):
+                yield {k: OPEN if k in opened else state for k, state in states.items()}
+
+    def _torques(self, y: Array, states: Mapping[int, str], ways: Mapping[int, Array]) -> list[float]:
+        """Return forces from outside and of the programme with contacts in given modes."""
+        footings, jets = [Footing()] * len(self.points), self._probe(self.impulses, y).jets
+        for k, state in states.items():
+            if state in CLOSED:
+                ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
+                footings[k] = footing_at(self.points[k], state, self.t, jets[k, :3, 0], self.plane, (ahead, aside, up))
+        engine: Any = self._mover(footings)
+        engine.evaluate(self.t, y)
+        found: list[float] = engine.workspace.values[engine.system.laws :].tolist()
+        return found
+
+    def _probe(self, probe: Probe, y: Array) -> Answers:
+        if probe is not self.torques:
+            return super()._probe(probe, y)
+        return probe.at(self.t, y, self._branch_at(y), self.works, self.given)
 
     def _view(self, y: Array) -> Any:
         engine = self._mover_of(y)

@@ -28,9 +28,9 @@ from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory, versions
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
+from vlmb.system.robot_start import robot_start
 from vlmb.system.robot_system import RobotSystem, make_robot_system
 from vlmb.system.robot_workspace import RobotWorkspace
-from vlmb.system.robot_start import robot_start
 from vlmb.system.start import Start
 
 Array = NDArray[np.float64]

@@ -140,6 +140,13 @@ class RobotSystem:
         made = make_robot_system(self.mechanism, self.run, names)
         return dataclasses.replace(made, contacts=self.contacts, mover=self.mover)
 
+    def commanded(self, names: Sequence[str]) -> RobotSystem:
+        """Return the same system without a programme, with forces from outside in its place."""
+        scene: Any = msgspec.structs.replace(self.mechanism.scene, programme=None)
+        made = dataclasses.replace(self.mechanism, scene=scene)
+        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
+        return dataclasses.replace(make_robot_system(made, self.run, names), mover=self.mover)
+
     def moved_by(self, mover: Callable[[RobotSystem, Sequence[Any], Any], Any]) -> RobotSystem:
         """Return the same system with what makes its engine."""
         return dataclasses.replace(self, mover=mover)
