@@ -36,6 +36,13 @@ LOOKS: dict[str, dict[str, Any]] = {
     "falling_skier": {"ghosts": 5},
     "flight": {"ghosts": 6},
     "single_support": {"ghosts": 3},
+    "bouncing_ball": {"time": 2.4, "ghosts": 32, "since": 0.0, "view_from": (0.15, -1.0, 0.25)},
+    "compass_gait": {"time": 3.1, "ghosts": 8, "since": 0.0, "view_from": (0.25, -1.0, 0.25)},
+    "rimless_wheel": {"ghosts": 4, "since": 0.0, "view_from": (0.25, -1.0, 0.25)},
+    "simplest_walker": {"ghosts": 6, "since": 0.0, "view_from": (0.25, -1.0, 0.25)},
+    "slip_runner": {"time": 0.95, "ghosts": 16, "since": 0.2, "view_from": (0.2, -1.0, 0.2), "arrows": True},
+    "slip_walker": {"time": 1.55, "ghosts": 6, "since": 0.3, "view_from": (0.2, -1.0, 0.2), "arrows": True},
+    "jumper": {"time": 0.36, "ghosts": 1, "since": 0.0, "view_from": (0.3, -1.0, 0.2)},
     "chaplygin_sleigh": {"time": 3.0, "ghosts": 6},
     "skate_on_slope": {"ghosts": 12},
 }

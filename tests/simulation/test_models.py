@@ -237,6 +237,33 @@ def closed_form(trajectory: vlmb.Trajectory, solutions: dict[str, float]) -> Non
             assert error <= tolerance * max(1.0, np.abs(expected).max()), quantity
 
 
+# ---- phases
+
+
+@key
+def events(trajectory: vlmb.Trajectory, wanted: dict[str, Any]) -> None:
+    """The first events, and the last one where it is named, with their times [s]."""
+    pairs = [(f"{event.kind} {event.name}", event.t) for event in trajectory.events]
+    for (words, time), (text, t) in zip(wanted["first"], pairs, strict=False):
+        assert words == text and t == pytest.approx(time, abs=wanted["within"]), (text, t)
+    assert len(pairs) >= len(wanted["first"])
+    if "last" in wanted:
+        assert wanted["last"] == [pairs[-1][0], pytest.approx(pairs[-1][1], abs=wanted["within"])]
+
+
+@key
+def lowest_gap(trajectory: vlmb.Trajectory, least: float) -> None:
+    """No point of a contact is lower [m] at any sample, but where its `when` has refused it."""
+    assert trajectory.lowest_gaps and min(trajectory.lowest_gaps.values()) >= least, trajectory.lowest_gaps
+
+
+@key
+def lost(trajectory: vlmb.Trajectory, bounds: dict[str, list[float]]) -> None:
+    """What impacts and friction have taken by the end [J]."""
+    for name, (low, high) in bounds.items():
+        assert low <= -trajectory.work_by_force[name][-1] <= high, (name, trajectory.work_by_force[name][-1])
+
+
 # ---- plausible ranges
 
 
@@ -465,6 +492,9 @@ def test_every_key_is_explained() -> None:
 # a promise of each kind that the model in question breaks
 BROKEN: dict[str, tuple[str, Any]] = {
     "coordinates": ("one_link", 4),
+    "events": ("slip_runner", {"first": [["touch leg", 0.0517]], "within": 1e-6}),
+    "lowest_gap": ("jumper", 1e-3),
+    "lost": ("jumper", {"impacts": [0.0, 161.0]}),
     "degrees_of_freedom": ("skate_on_slope", 3),
     "left_out": ("one_link", []),
     "warnings": ("straight_legs", []),

@@ -256,7 +256,7 @@ def test_until_ends_a_run(engine):
     assert apex["z"][-1] == pytest.approx(0.25, abs=1e-10) and apex["z_dot"][-1] == pytest.approx(0.0, abs=1e-10)
     rest = vlmb.simulate(ball, engine=engine, until="stick base")
     assert rest["x_dot"][-1] == pytest.approx(0.0, abs=1e-9) and rest.events[-1].kind in ("stick", "touch")
-    with pytest.raises(vlmb.SceneError, match="no contact 'foot'"):
+    with pytest.raises(vlmb.SceneError, match="no contact or leg 'foot'"):
         vlmb.simulate(ball, until="touch foot")
     with pytest.raises(vlmb.SceneError, match="no such event"):
         vlmb.simulate(ball, until="tuch base")

@@ -6,6 +6,7 @@ import builtins
 import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -346,3 +347,19 @@ def contrast(one: Any, other: Any) -> float:
 
     low, high = sorted((luminance(one), luminance(other)))
     return (high + 0.05) / (low + 0.05)
+
+
+def test_phases_are_bands_behind_panels_over_time() -> None:
+    run = vlmb.simulate(Path(__file__).resolve().parents[2] / "models" / "slip_walker.toml", duration=0.7)
+    figure = vlmb.plots.energy(run)
+    for ax in figure.axes:
+        bands = {entry.get_facecolor().tobytes(): entry for entry in ax.collections if entry.get_gid() == "phases"}
+        assert len(bands) == 3
+        ends = sorted(float(path.vertices[:, 0].max()) for entry in bands.values() for path in entry.get_paths())
+        assert ends == pytest.approx([phase.end for phase in run.phases])
+    legend = figure.legends[0]
+    assert [text.get_text() for text in legend.get_texts()] == ["left", "left + right", "right"]
+    assert not [entry for entry in vlmb.plots.energy([run, run]).axes[0].collections if entry.get_gid() == "phases"]
+    side = vlmb.plots.path(run).axes[0]
+    stood = next(line for line in side.lines if line.get_marker() == "v")
+    assert stood.get_xdata() == pytest.approx(sorted({*run["left.foot.x"], *run["right.foot.x"][run.t > 0.2]}))

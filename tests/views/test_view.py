@@ -909,3 +909,29 @@ def test_one_sample_is_a_posture(skier: Trajectory) -> None:
     made = of_trajectory(one)
     assert isinstance(made, Scenery) and len(made.t) == 1
     assert tracks_of(page(made)) == {}
+
+
+def test_phases_are_seen_in_the_scenery() -> None:
+    run = simulate(MODELS / "slip_walker.toml", duration=0.7)
+    made = of_trajectory(run, 30.0, arrows=True)
+    drawn = {body.path: body for body in made.bodies}
+    assert {"legs/left/spring", "legs/right/foot", "forces/left", "footprints/0", "footprints/2"} <= set(drawn)
+    assert [words for _, words in made.events] == ["touch right", "open left", "touch left"]
+    for k, t in enumerate(made.t.tolist()):
+        foot = made.poses(k)["legs/left/foot"][:3, 3]
+        stands = t < run.events[1].t or t >= run.events[2].t
+        if stands:
+            assert foot == pytest.approx([run["left.foot.x"][0 if t < run.events[1].t else -1], 0.0, 0.0], abs=1e-9)
+        else:
+            assert foot[2] > -1e-6
+        arrow = made.poses(k)["forces/left"]
+        push = np.array([np.interp(t, run.t, run.reactions["left"][:, axis]) for axis in (0, 2)])
+        along = arrow[[0, 2], 0] / np.linalg.norm(arrow[[0, 2], 0])
+        if stands and np.linalg.norm(push) > 50.0:
+            assert along == pytest.approx(push / np.linalg.norm(push), abs=0.02)
+    scale = drawn["footprints/1"].scale[:, 0]
+    assert scale[made.t < run.events[0].t].max() < 1e-3 and scale[made.t > run.events[0].t].min() == 1.0
+    hit = of_trajectory(simulate(MODELS / "compass_gait.toml", duration=0.9), 60.0, arrows=True)
+    impulse = next(body for body in hit.bodies if body.path == "impulses/r")
+    seen = hit.t[impulse.scale[:, 0] > 0.1]
+    assert 0.73 < seen.min() < 0.76 and seen.max() < 0.734346 + 0.16 and hit.events[0][1].startswith("touch r, ")

@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zoom", type=float, default=1.0, help="of the camera's lens (default: 1)")
     parser.add_argument("--side", action="store_true", help="the camera on the right of the way")
     parser.add_argument("--follow", action=argparse.BooleanOptionalAction, help="the camera goes along (default: in films)")
-    parser.add_argument("--arrows", action="store_true", help="draw gravity and the edge force")
+    parser.add_argument("--arrows", action="store_true", help="draw gravity, the edge force, forces and impulses of contacts")
     parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
     parser.add_argument("--port", type=int, default=0, help="of the page on this machine (default: any free one)")
 

@@ -43,7 +43,7 @@ from vlmb.core.driver import (
     Y,
 )
 from vlmb.core.first_step import is_finite
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner
 
 PHI = OWN  # rows PHI + i, i = 1 ... k + 2
 PREDICTED = OWN + 16  # rows of the same differences at the new time, by the predictor
@@ -54,7 +54,7 @@ PREDICTION, CORRECTION = 0, 1  # which slope is asked for
 SLOWEST, FASTEST, COLLAPSE = 0.5, 0.9, 0.1  # factors of a shorter step
 
 
-@kernel
+@inner
 def _begin(driver: Driver) -> int:
     """Predict y at T_NEW by all differences of the order; ask for f there."""
     count, real = driver.counts, driver.real
@@ -72,7 +72,7 @@ def _begin(driver: Driver) -> int:
     return _ask_new(driver, PREDICTION)
 
 
-@kernel
+@inner
 def _forget(driver: Driver) -> None:
     """Begin with order 1, to be raised at every step until that fails."""
     count = driver.counts
@@ -86,7 +86,7 @@ def _forget(driver: Driver) -> None:
         driver.rows[PHI + 2, j] = 0.0
 
 
-@kernel
+@inner
 def _ask_new(driver: Driver, stage: int) -> int:
     """Ask for f(T_NEW, Y_NEW)."""
     driver.counts[STAGE] = stage
@@ -96,7 +96,7 @@ def _ask_new(driver: Driver, stage: int) -> int:
     return EVALUATE
 
 
-@kernel
+@inner
 def _make_coefficients(table: Array, h: float, k: int) -> None:
     """Lengths psi_i of the last i steps, their ratios alpha, beta, sigma, and integrals g_i of i-th differences over the step."""
     table[NEW_PSI, 1], table[ALPHA, 1], table[BETA, 1], table[SIGMA, 1], table[SIGMA, 2] = h, 1.0, 1.0, 1.0, 1.0
@@ -114,7 +114,7 @@ def _make_coefficients(table: Array, h: float, k: int) -> None:
         table[G, i] = table[W, 1]
 
 
-@kernel
+@inner
 def _predict(driver: Driver, k: int) -> None:
     """y1 = y0 + h sum g_i beta_i phi_i; the i-th difference at the new time is the sum of all beta phi from i on."""
     rows, table, h = driver.rows, driver.table, driver.real[H]
@@ -131,7 +131,7 @@ def _predict(driver: Driver, k: int) -> None:
             rows[PREDICTED + i, j] = rows[PREDICTED + i + 1, j] + scaled
 
 
-@kernel
+@inner
 def next_adams(driver: Driver) -> int:
     """Judge the prediction by f there and correct it; or take f of the corrected state and choose the next order and step."""
     stage = driver.counts[STAGE]
@@ -147,7 +147,7 @@ def next_adams(driver: Driver) -> int:
     return ACCEPTED
 
 
-@kernel
+@inner
 def _correct(driver: Driver) -> int:
     """y1 + h g_(k+1) (f - predicted f), if the error h (g_k - g_(k+1)) |f - predicted f| is below the tolerance."""
     count, real, rows, table = driver.counts, driver.real, driver.rows, driver.table
@@ -168,7 +168,7 @@ def _correct(driver: Driver) -> int:
     return _ask_new(driver, CORRECTION)
 
 
-@kernel
+@inner
 def _norms(rows: Array, slope: Array, k: int) -> tuple[float, float, float]:
     """Norms of what f differs from its prediction, alone and with the predicted k-th and (k-1)-th differences."""
     total, lower, lowest = 0.0, 0.0, 0.0
@@ -181,7 +181,7 @@ def _norms(rows: Array, slope: Array, k: int) -> tuple[float, float, float]:
     return math.sqrt(share * total), math.sqrt(share * lower), math.sqrt(share * lowest)
 
 
-@kernel
+@inner
 def _reject(driver: Driver, miss: float) -> int:
     """Halve the step; from the third refusal on, start again with order 1."""
     count, real = driver.counts, driver.real
@@ -199,7 +199,7 @@ def _reject(driver: Driver, miss: float) -> int:
     return REJECTED
 
 
-@kernel
+@inner
 def _update_differences(driver: Driver) -> None:
     """phi_i at the new time: the predicted ones plus what f differs from its prediction; of order k + 2 that of equal steps."""
     rows, table, k = driver.rows, driver.table, driver.counts[ORDER]
@@ -215,7 +215,7 @@ def _update_differences(driver: Driver) -> None:
     driver.counts[LAST_ORDER] = k
 
 
-@kernel
+@inner
 def _choose_next(driver: Driver) -> None:
     """Raise or lower the order to where the error is least; double the step or shorten it only where that gains."""
     count, real = driver.counts, driver.real
@@ -236,7 +236,7 @@ def _choose_next(driver: Driver) -> None:
     real[H_NEXT] = real[H] * _factor(error, k, count[RAISING] != 0)
 
 
-@kernel
+@inner
 def _norm(rows: Array, row: int) -> float:
     """Norm of a row over the tolerance."""
     total = 0.0
@@ -245,7 +245,7 @@ def _norm(rows: Array, row: int) -> float:
     return math.sqrt(total / rows.shape[1])
 
 
-@kernel
+@inner
 def _factor(error: float, k: int, raising: bool) -> float:
     """Factor of the next step: 2, 1, or at least a half."""
     if raising or error * 2.0 ** (k + 1) <= 0.5:
@@ -255,7 +255,7 @@ def _factor(error: float, k: int, raising: bool) -> float:
     return max(SLOWEST, min(FASTEST, (0.5 / error) ** (1.0 / (k + 1))))
 
 
-@kernel
+@inner
 def interpolate_adams(driver: Driver, t: float, y: Array) -> None:
     """y(t) = y1 + s sum g_i phi_i, s = t - t1 <= 0: the polynomial of the k + 1 newest slopes, integrated from the step's end."""
     rows, table = driver.rows, driver.table

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vlmb.core.angles import read_angles
 from vlmb.core.energy import energies
 from vlmb.core.evaluation import drive, evaluate
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.plant import COLUMN, ROW, Memory, Plant
 from vlmb.core.scalars import atan2, cos, sin, wrapped
 from vlmb.core.scratch import AXIAL
@@ -36,7 +36,7 @@ def energies_along(plant: Plant, memory: Memory, t: Array, y: Array, out: Array)
         out[s, 2] += springs_energy(plant.springs, plant.tree, y[s], memory.near)
 
 
-@kernel
+@inner
 def forces_along(
     plant: Plant, memory: Memory, t: Array, y: Array, inputs: Array, reference: Array, codes: Integers, values: Array,
     driving: Array, rates: Array,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vlmb.core import places
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.places import Moving
 from vlmb.core.scalars import TAU, atan2, cos, nearest_turn, sin, sqrt, wrapped
 from vlmb.core.tree import Array, Tree
@@ -18,7 +18,7 @@ QUARTER_TURN = (0.25 * TAU) ** 2  # [rad^2]
 # Angles of one link
 
 
-@kernel
+@inner
 def read_angles(d: Vector, phi: float, psi: float) -> tuple[float, float]:
     """Return (phi, psi) of a direction on the branch nearest to a reference (phi, psi).
 
@@ -28,7 +28,7 @@ def read_angles(d: Vector, phi: float, psi: float) -> tuple[float, float]:
     return phi, psi
 
 
-@kernel
+@inner
 def read_branch(d: Vector, phi: float, psi: float) -> tuple[float, float, float]:
     """Return the same, and the sign of cos psi there."""
     flat = sqrt(d[0] * d[0] + d[1] * d[1])
@@ -44,7 +44,7 @@ def read_branch(d: Vector, phi: float, psi: float) -> tuple[float, float, float]
     return phi + first[0], psi + first[1], 1.0
 
 
-@kernel
+@inner
 def axes_at(d: Vector, phi: float, side: float) -> tuple[Vector, Vector, float]:
     """Return u_phi = (-sin phi, cos phi, 0), u_psi = (-cos phi sin psi, -sin phi sin psi, cos psi) and cos psi at (d, phi)."""
     flat = sqrt(d[0] * d[0] + d[1] * d[1])
@@ -78,7 +78,7 @@ def elevation(tree: Tree, y: Array, i: int, near: Array) -> Moving:
     return psi, dot(upwards, u), dot(upwards, drift) - bend
 
 
-@kernel
+@inner
 def push_azimuth(tree: Tree, y: Array, i: int, force: float, out: Array) -> int:
     """Add the row of phi, (z x d) / (d_x^2 + d_y^2), times a moment M_phi."""
     d = places.link_direction(tree, y, i)[0]
@@ -89,7 +89,7 @@ def push_azimuth(tree: Tree, y: Array, i: int, force: float, out: Array) -> int:
     return FINE
 
 
-@kernel
+@inner
 def push_elevation(tree: Tree, y: Array, i: int, near: Array, force: float, out: Array) -> None:
     """Add the row of psi, u_psi, times a moment M_psi."""
     d = places.link_direction(tree, y, i)[0]
@@ -100,7 +100,7 @@ def push_elevation(tree: Tree, y: Array, i: int, near: Array, force: float, out:
 # Angles of directions in the upright plane of the heading
 
 
-@kernel
+@inner
 def plane_elevation(tree: Tree, y: Array, which: int) -> Moving:
     """Return psi of (cos psi h, sin psi): psi' = e . u with e = (-sin psi h, cos psi), drift e . d'' + e' . u."""
     if which < 0:
@@ -112,7 +112,7 @@ def plane_elevation(tree: Tree, y: Array, which: int) -> Moving:
     return atan2(d[2], flat), dot(e, u), dot(e, drift) - d[2] * w * dot(u, places.leftwards(h))
 
 
-@kernel
+@inner
 def push_plane_elevation(tree: Tree, y: Array, which: int, force: float, out: Array) -> None:
     """Add the row of psi in the plane times a moment; a heading and a normal take none."""
     if which >= 0:
@@ -120,7 +120,7 @@ def push_plane_elevation(tree: Tree, y: Array, which: int, force: float, out: Ar
         places.push_direction(tree, y, which, d, plus((0.0, 0.0, force * dot(d, h)), -force * d[2], h), out)
 
 
-@kernel
+@inner
 def plane_angle(tree: Tree, y: Array, first: int, second: int, near: float) -> Moving:
     """Return psi of the second direction less psi of the first, by whole turns nearest to a reference."""
     a, b = plane_elevation(tree, y, first), plane_elevation(tree, y, second)
@@ -130,7 +130,7 @@ def plane_angle(tree: Tree, y: Array, first: int, second: int, near: float) -> M
 # The angle between two directions
 
 
-@kernel
+@inner
 def angle_between(tree: Tree, y: Array, first: int, second: int) -> tuple[int, Moving]:
     """Return theta of two directions a, b: -sin theta theta' = (a . b)', -sin theta theta'' = (a . b)'' + theta'^2 a . b."""
     a, a1, a2 = places.direction(tree, y, first)
@@ -144,7 +144,7 @@ def angle_between(tree: Tree, y: Array, first: int, second: int) -> tuple[int, M
     return FINE, (theta, rate, -(dot(a2, b) + 2.0 * dot(a1, b1) + dot(a, b2) + cosine * rate * rate) / sine)
 
 
-@kernel
+@inner
 def push_angle(tree: Tree, y: Array, first: int, second: int, force: float, out: Array) -> int:
     """Add the row of theta times a torque: -b / sin theta on a, -a / sin theta on b."""
     a, b = places.direction(tree, y, first)[0], places.direction(tree, y, second)[0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import cos, sin, sqrt
 from vlmb.core.tree import Array, Integers
 from vlmb.core.triples import Vector, cross, plus
@@ -28,25 +28,25 @@ class Bodies(NamedTuple):
     jacobian: Array  # (any, 6) twist by each velocity, written by `move`
 
 
-@kernel
+@inner
 def vector(values: Array, row: int, at: int) -> Vector:
     """Return three numbers of a table."""
     return values[row, at], values[row, at + 1], values[row, at + 2]
 
 
-@kernel
+@inner
 def put(values: Array, row: int, at: int, what: Vector) -> None:
     """Write three numbers into a table."""
     values[row, at], values[row, at + 1], values[row, at + 2] = what
 
 
-@kernel
+@inner
 def column(values: Array, row: int, axis: int) -> Vector:
     """Return a column of the rotation that a row begins with: an axis of its frame."""
     return values[row, axis], values[row, 3 + axis], values[row, 6 + axis]
 
 
-@kernel
+@inner
 def turned(values: Array, row: int, x: Vector) -> Vector:
     """Return the rotation that a row begins with times a vector."""
     return (
@@ -56,21 +56,21 @@ def turned(values: Array, row: int, x: Vector) -> Vector:
     )
 
 
-@kernel
+@inner
 def put_axes(state: Array, j: int, x: Vector, y: Vector, z: Vector) -> None:
     """Write a rotation by its columns."""
     for k in range(3):
         state[j, 3 * k], state[j, 3 * k + 1], state[j, 3 * k + 2] = x[k], y[k], z[k]
 
 
-@kernel
+@inner
 def turn_by(state: Array, j: int, x: Vector, y: Vector, z: Vector) -> None:
     """Multiply the rotation of a body by one given by its columns, from the right."""
     first, second, third = turned(state, j, x), turned(state, j, y), turned(state, j, z)
     put_axes(state, j, first, second, third)
 
 
-@kernel
+@inner
 def turn_by_quaternion(state: Array, j: int, x: float, y: float, z: float, w: float) -> None:
     """Multiply the rotation of a body by that of a quaternion of any length."""
     size = 1.0 / sqrt(x * x + y * y + z * z + w * w)
@@ -83,7 +83,7 @@ def turn_by_quaternion(state: Array, j: int, x: float, y: float, z: float, w: fl
     )  # fmt: skip
 
 
-@kernel
+@inner
 def turn_about(state: Array, j: int, a: Vector, angle: float) -> None:
     """Multiply the rotation of a body by one about a unit axis."""
     c, s = cos(angle), sin(angle)
@@ -96,13 +96,13 @@ def turn_about(state: Array, j: int, a: Vector, angle: float) -> None:
     )  # fmt: skip
 
 
-@kernel
+@inner
 def slide(state: Array, j: int, by: Vector) -> None:
     """Move a body along its own axes."""
     put(state, j, AT, plus(vector(state, j, AT), 1.0, turned(state, j, by)))
 
 
-@kernel
+@inner
 def put_turning(bodies: Bodies, j: int, k: int, axis: Vector) -> None:
     """Write the twist of turning about an axis through the body's origin as that of its velocity k."""
     at = bodies.joint[j, AT_J] + k
@@ -110,7 +110,7 @@ def put_turning(bodies: Bodies, j: int, k: int, axis: Vector) -> None:
     put(bodies.jacobian, at, 3, axis)
 
 
-@kernel
+@inner
 def put_sliding(bodies: Bodies, j: int, k: int, axis: Vector) -> None:
     """Write the twist of sliding along an axis as that of a body's velocity k."""
     at = bodies.joint[j, AT_J] + k
@@ -118,7 +118,7 @@ def put_sliding(bodies: Bodies, j: int, k: int, axis: Vector) -> None:
     put(bodies.jacobian, at, 3, (0.0, 0.0, 0.0))
 
 
-@kernel
+@inner
 def pose(bodies: Bodies, j: int, q: Array) -> None:
     """Write the pose of a body after its parent's, and what its velocities move."""
     state, real, at, kind = bodies.state, bodies.real, bodies.joint[j, AT_Q], bodies.joint[j, TYPE]
@@ -180,7 +180,7 @@ def move(bodies: Bodies, q: Array, v: Array) -> None:
         put(state, j, ANGULAR_DRIFT, plus(vector(state, parent, ANGULAR_DRIFT), 1.0, cross(angular, turning)))
 
 
-@kernel
+@inner
 def quaternion_rate(q: Array, at: int, wx: float, wy: float, wz: float, out: Array) -> None:
     """Write the rate of a quaternion of any length by the angular velocity in its own frame."""
     x, y, z, w = q[at], q[at + 1], q[at + 2], q[at + 3]
@@ -190,7 +190,7 @@ def quaternion_rate(q: Array, at: int, wx: float, wy: float, wz: float, out: Arr
     out[at + 3] = -0.5 * (x * wx + y * wy + z * wz)
 
 
-@kernel
+@inner
 def position_rates(bodies: Bodies, joints: int, q: Array, v: Array, out: Array) -> None:
     """Write q' of the first joints; a quaternion keeps whatever length it has. Needs `move`."""
     for j in range(1, joints):
@@ -215,20 +215,20 @@ def position_rates(bodies: Bodies, joints: int, q: Array, v: Array, out: Array) 
                 out[at + i] = v[k + i]
 
 
-@kernel
+@inner
 def velocity_at(state: Array, j: int, p: Vector) -> Vector:
     """Return the velocity of a body's point at p."""
     return plus(vector(state, j, LINEAR), 1.0, cross(vector(state, j, ANGULAR), p))
 
 
-@kernel
+@inner
 def drift_at(state: Array, j: int, p: Vector) -> Vector:
     """Return the acceleration of a body's point at p where v' = 0."""
     spatial = plus(vector(state, j, LINEAR_DRIFT), 1.0, cross(vector(state, j, ANGULAR_DRIFT), p))
     return plus(spatial, 1.0, cross(vector(state, j, ANGULAR), velocity_at(state, j, p)))
 
 
-@kernel
+@inner
 def push(bodies: Bodies, j: int, force: Vector, moment: Vector, out: Array) -> None:
     """Add what a force through the origin and a moment on a body are over the velocities."""
     joint, jacobian = bodies.joint, bodies.jacobian
@@ -243,7 +243,7 @@ def push(bodies: Bodies, j: int, force: Vector, moment: Vector, out: Array) -> N
         j = joint[j, PARENT]
 
 
-@kernel
+@inner
 def push_at(bodies: Bodies, j: int, p: Vector, force: Vector, out: Array) -> None:
     """Add what a force on a body's point at p is over the velocities."""
     push(bodies, j, force, cross(p, force), out)

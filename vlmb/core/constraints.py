@@ -12,7 +12,7 @@ from vlmb.core import tree as of
 from vlmb.core.angles import FINE
 from vlmb.core.contacts import write_pushes
 from vlmb.core.dense import cholesky, least_singular, least_squares, solve_cholesky, solve_square
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.programme import UNMET, copy, solve_programme
@@ -94,13 +94,13 @@ def constrain(
     return 0
 
 
-@kernel
+@inner
 def bit(k: int) -> int:
     """Return the bit of a row or a control."""
     return 1 << min(k, MOST)
 
 
-@kernel
+@inner
 def named(errors: Array, count: int) -> int:
     """Return the bits of the rows with the largest errors."""
     worst, bits = 0.0, 0
@@ -112,7 +112,7 @@ def named(errors: Array, count: int) -> int:
     return bits
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def write_lines(
     rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array,
     given: Array, reference: Array, lines: Array,
@@ -156,7 +156,7 @@ def write_lines(
     return NO_DIRECTION * KIND + astray if astray != 0 else 0
 
 
-@kernel
+@inner
 def check_behind(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers) -> int:
     """Return 0 if u0, gains, weights and border have finite values, weights above 0; else a code with the first that has not."""
     count, head = sizes.ideal - sizes.held + sizes.beyond, rows.table[0]
@@ -170,7 +170,7 @@ def check_behind(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers) -> int:
     return 0
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, tree: Tree, y: Array) -> None:
     """Write what the rows want of their accelerations: H z + K z' - drift."""
     count, held, wanted = sizes.ideal + sizes.beyond - sizes.held, sizes.held, space.wanted
@@ -188,7 +188,7 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
             wanted[held + entry[OF_ROW]] += gain * space.residual[entry[COLUMN] % count, entry[COLUMN] // count]
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scratch: Scratch) -> None:
     """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
     count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
@@ -210,7 +210,7 @@ def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scr
         space.wanted[i] -= moved[count]
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     """Solve J M^-1 J^T X = (J M^-1 B, lacking); return a code."""
     e, s, square, solved = sizes.ideal, sizes.controls, space.square, space.solved
@@ -239,7 +239,7 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     return solve_repeating(sizes, space)
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
     """Take rows that move nothing out of the system; return their bits, and the most that they ask for."""
     e, s, bits, asked = sizes.ideal, sizes.controls, 0, 0.0
@@ -258,7 +258,7 @@ def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
     return bits, asked
 
 
-@kernel
+@inner
 def solve_repeating(sizes: Sizes, space: Space) -> int:
     """The same for rows that repeat each other: the least multipliers that meet them; return a code."""
     e, s, a, b, x = sizes.ideal, sizes.controls, space.first, space.second, space.third
@@ -295,13 +295,13 @@ def solve_repeating(sizes: Sizes, space: Space) -> int:
     return 0
 
 
-@kernel
+@inner
 def scale_of(space: Space, i: int) -> float:
     """Return the root of a diagonal entry of J M^-1 J^T."""
     return sqrt(max(space.square[i, i], TINIEST))
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def write_matrix(sizes: Sizes, space: Space) -> None:
     """Write G of (5.6), and beta in the place of what its rows lack: both with the multipliers that the controls bring along."""
     e, s = sizes.ideal, sizes.controls
@@ -315,7 +315,7 @@ def write_matrix(sizes: Sizes, space: Space) -> None:
             space.wanted[e + i] -= moved[s + j] * space.solved[j, s]
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def write_multipliers(sizes: Sizes, space: Space) -> None:
     """Write the multipliers of the ideal rows under the controls."""
     s = sizes.controls
@@ -325,7 +325,7 @@ def write_multipliers(sizes: Sizes, space: Space) -> None:
             space.shares[s + j] -= space.solved[j, k] * space.shares[k]
 
 
-@kernel
+@kernel(copied=True)
 def add_forces(rows: Rows, memory: RowMemory, force: Array) -> None:
     """Add B u + J^T lambda of the last solution to generalized forces (nv,)."""
     sizes = sizes_of(rows)

@@ -12,7 +12,7 @@ would stop every step.
 
 from __future__ import annotations
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities, add_row, measure
 from vlmb.core.row_arrays import FIRST, RowMemory, Rows, Sizes, Space
@@ -38,7 +38,7 @@ def three(row: Array, at: int) -> Vector:
     return row[at], row[at + 1], row[at + 2]
 
 
-@kernel
+@inner
 def gradient_at(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers, c: int, r: int) -> Vector:
     """Return the gradient of ideal row r over the place of contact c, after the tape was played for jets."""
     root = rows.table[0, FIRST] + r - sizes.held
@@ -56,7 +56,7 @@ def gradient_at(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers, c: int, 
     return x, y, z
 
 
-@kernel
+@inner
 def velocity_of(
     place: Integers, quantities: Quantities, tree: Tree, y: Array, given: Array, reference: Array, measured: Array
 ) -> Vector:
@@ -74,7 +74,7 @@ def velocity_of(
     return found
 
 
-@kernel
+@inner
 def unit_across(v: Vector, normal: Vector) -> Vector:
     """Return the direction of what a vector has across a unit vector; 0 where it has nothing."""
     flat = across(v, normal)
@@ -82,7 +82,7 @@ def unit_across(v: Vector, normal: Vector) -> Vector:
     return scaled(1.0 / size, flat) if size > 0.0 else (0.0, 0.0, 0.0)
 
 
-@kernel
+@inner
 def way_of(known: Array, v: Vector, normal: Vector) -> Vector:
     """Return the unit vector that a contact slides along with a velocity v across its normal; see the top of this file."""
     last = unit_across(three(known, TOWARDS), normal)
@@ -92,7 +92,7 @@ def way_of(known: Array, v: Vector, normal: Vector) -> Vector:
     return last
 
 
-@kernel
+@inner
 def write_pushes(
     rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree,
     y: Array, given: Array, reference: Array, measured: Array,
@@ -120,7 +120,7 @@ def write_pushes(
                     add_row(quantities, place[axis], tree, y, given, reference, share, space.pushes[at])
 
 
-@kernel
+@inner
 def add_friction_apart(
     rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, k: int, quantities: Quantities, tree: Tree, still: Array,
     growing: Array, reference: Array, measured: Array,
@@ -135,7 +135,7 @@ def add_friction_apart(
             space.pushes_apart[rows.contacts[c, AT], k] -= known[MU] * known[SIZE] * dot(v, three(known, ALONG))
 
 
-@kernel
+@inner
 def add_friction_powers(rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, work: int, dy: Array) -> None:
     """Add what friction takes, and what it carries along with a moving surface, to the rates of work states."""
     for c in range(rows.contacts.shape[0]):
@@ -148,7 +148,7 @@ def add_friction_powers(rows: Rows, sizes: Sizes, space: Space, memory: RowMemor
                 dy[work + rows.contacts[c, CARRIED]] += friction * dot(three(known, ALONG), three(known, SURFACE))
 
 
-@kernel
+@inner
 def held_by(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, c: int) -> tuple[float, float]:
     """Return normal force and friction [N] of a contact as its rows hold it, at the last solution."""
     force, normal = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -163,7 +163,7 @@ def held_by(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers
     return push, sqrt(dot(flat, flat))
 
 
-@kernel
+@inner
 def sliding_speed(
     rows: Rows, memory: RowMemory, c: int, quantities: Quantities, tree: Tree, y: Array, given: Array, reference: Array,
     measured: Array,
@@ -175,7 +175,7 @@ def sliding_speed(
     return dot(v, unit_across(three(known, TOWARDS), normal))
 
 
-@kernel
+@inner
 def keep_ways(rows: Rows, memory: RowMemory) -> None:
     """Take the directions of the last evaluation as those at an accepted step."""
     for c in range(rows.contacts.shape[0]):

@@ -35,7 +35,7 @@ from vlmb.core.driver import (
     Y,
 )
 from vlmb.core.first_step import scaled_norm
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner
 
 ROUNDING, TINIEST = 16.0 / 2**52, 1e-20  # least step over |t|, and over the way from start to end
 TOGETHER, TOO_MANY = 500, 1e6  # trials over which the pace is taken; trials to the end from which on noise is looked for
@@ -44,7 +44,7 @@ LOUD, STIFF = 0.01, 50.0  # a noisy f: its change times the step, over the toler
 FADING, TOO_LOUD = 0.8, 2.0  # noise heard before counts that much less; what stops a run
 
 
-@kernel
+@inner
 def look_at_progress(driver: Driver) -> int:
     """Before a trial of an adaptive method: GO, STUCK, or EVALUATE to listen for noise."""
     count, real = driver.counts, driver.real
@@ -65,7 +65,7 @@ def look_at_progress(driver: Driver) -> int:
     return STUCK if slow else GO
 
 
-@kernel
+@inner
 def _listen(driver: Driver) -> int:
     """Ask for f at the state before the step, every other number a digit up, the others down."""
     real = driver.real
@@ -76,7 +76,7 @@ def _listen(driver: Driver) -> int:
     return EVALUATE
 
 
-@kernel
+@inner
 def judge_noise(driver: Driver) -> int:
     """NOISY where f changed more than the tolerance allows, time and again; else GO on with the trial."""
     count, real = driver.counts, driver.real

@@ -6,7 +6,7 @@ a factorization need be kept.
 
 from __future__ import annotations
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import finite, sqrt
 from vlmb.core.tree import Array
 
@@ -88,7 +88,7 @@ def solve_upper(a: Array, n: int, x: Array) -> None:
         x[i] /= a[i, i]
 
 
-@kernel
+@inner
 def solve_square(a: Array, n: int, b: Array, m: int, repeated: float) -> bool:
     """Overwrite B (n, m) with A^-1 B, A (n, n), overwritten, by Gauss with row pivots.
 
@@ -195,7 +195,7 @@ def pivots_hold(pivots: Array, count: int, bound: float) -> bool:
 # Of any rank
 
 
-@kernel
+@inner
 def row_product(a: Array, i: int, j: int, n: int) -> float:
     """Return the product of two rows."""
     total = 0.0
@@ -204,14 +204,14 @@ def row_product(a: Array, i: int, j: int, n: int) -> float:
     return total
 
 
-@kernel
+@inner
 def turn_rows(a: Array, i: int, j: int, n: int, cosine: float, sine: float) -> None:
     """Turn two rows into each other."""
     for k in range(n):
         a[i, k], a[j, k] = cosine * a[i, k] - sine * a[j, k], sine * a[i, k] + cosine * a[j, k]
 
 
-@kernel
+@inner
 def make_orthogonal(a: Array, m: int, n: int, b: Array, columns: int) -> None:
     """Turn the rows of A (m, n), and those of B (m, columns) with them, until A's are orthogonal (Jacobi).
 

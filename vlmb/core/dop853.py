@@ -35,7 +35,7 @@ from vlmb.core.driver import (
     Y,
 )
 from vlmb.core.first_step import is_finite
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 
 NEW_STATE, EXTRA = 12, 13  # the stage that is the new state, the first of those for the dense output alone
 WIDTH = 4  # slopes added in one pass over the state
@@ -69,7 +69,7 @@ NODE = np.array(NODES)
 FIFTH, THIRD, HIGH_POWERS = len(STAGES), len(STAGES) + 1, len(STAGES) + 2  # further combinations
 
 
-@kernel
+@inner
 def add_slopes(rows: Array, combination: int, scale: float, total: Array) -> None:
     """total += scale sum_s weight_s k_s."""
     for block in range(FIRST[combination], FIRST[combination + 1]):
@@ -79,7 +79,7 @@ def add_slopes(rows: Array, combination: int, scale: float, total: Array) -> Non
             total[m] += (a * rows[i, m] + b * rows[j, m]) + (c * rows[k, m] + d * rows[l, m])
 
 
-@kernel
+@inner
 def _ask(driver: Driver, stage: int) -> int:
     """Ask for the slope of a stage: f(t + c h, y + h sum a k)."""
     real, rows, point = driver.real, driver.rows, driver.point
@@ -92,7 +92,7 @@ def _ask(driver: Driver, stage: int) -> int:
     return EVALUATE
 
 
-@kernel
+@inner
 def next_dop853(driver: Driver) -> int:
     """Take the slope of a stage and ask for the next, until the step is accepted or not, or its dense output ready."""
     stage = driver.counts[STAGE]
@@ -124,20 +124,20 @@ def _judge(driver: Driver, code: int) -> int:
     return REJECTED
 
 
-@kernel
+@inner
 def _row_of(stage: int) -> int:
     if stage == NEW_STATE:
         return F_NEW
     return OWN + stage - (1 if stage < NEW_STATE else 2)
 
 
-@kernel
+@inner
 def _keep(rows: Array, row: int, values: Array) -> None:
     for m in range(values.shape[0]):
         rows[row, m] = values[m]
 
 
-@kernel
+@inner
 def _error(driver: Driver) -> float:
     """Norm of the error over the tolerance: |h| e5^2 / sqrt(e5^2 + 0.01 e3^2), which is of order 8."""
     rows, n = driver.rows, driver.point.shape[0]
@@ -156,7 +156,7 @@ def _error(driver: Driver) -> float:
     return abs(driver.real[H]) * e5 / math.sqrt((e5 + 0.01 * e3) * n)
 
 
-@kernel
+@inner
 def _growth(driver: Driver) -> float:
     """Factor of the next step; it does not grow straight after a refusal."""
     error = driver.real[ERROR]
@@ -164,7 +164,7 @@ def _growth(driver: Driver) -> float:
     return min(1.0, growth) if driver.counts[RETRY] else growth
 
 
-@kernel
+@inner
 def _make_powers(driver: Driver) -> None:
     """Coefficients of the dense output, from all slopes of the step."""
     rows, h = driver.rows, driver.real[H]
@@ -179,7 +179,7 @@ def _make_powers(driver: Driver) -> None:
         add_slopes(rows, HIGH_POWERS + power, h, row)
 
 
-@kernel
+@inner
 def interpolate_dop853(driver: Driver, t: float, y: Array) -> None:
     """y(t) = y0 + x (q0 + (1 - x) (q1 + x (q2 + ...))), x = (t - t0) / h in [0, 1]."""
     rows = driver.rows

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vlmb.core.dense import cholesky
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import sqrt
 from vlmb.core.tree import Array, Integers
 
@@ -68,7 +68,7 @@ def make_driven(
     )  # fmt: skip
 
 
-@kernel
+@inner
 def triangular(a: Array, m: int, n: int, width: int, order: Integers, room: Array) -> int:
     """Bring the first n columns of A (m, width) to an upper triangle by reflections, the longest first; return their rank.
 
@@ -115,7 +115,7 @@ def triangular(a: Array, m: int, n: int, width: int, order: Integers, room: Arra
     return min(m, n)
 
 
-@kernel
+@inner
 def solve_triangle(a: Array, n: int, x: Array) -> None:
     """Overwrite x (n,) with R^-1 x, R the upper triangle of A."""
     for i in range(n - 1, -1, -1):
@@ -124,7 +124,7 @@ def solve_triangle(a: Array, n: int, x: Array) -> None:
         x[i] /= a[i, i]
 
 
-@kernel
+@inner
 def write_demands(
     driven: Driven, mass: Array, bias: Array, tau: Array, matrix: Array, values: Array, scales: Array, gains: Array, out: Array,
     first: int, beside: Array, beside_rows: Integers,
@@ -180,7 +180,7 @@ def write_demands(
                 demands[r, k] *= size
 
 
-@kernel
+@inner
 def find_accelerations(driven: Driven, back: Array) -> bool:
     """Write vdot that meets C vdot = d and comes nearest to `back` (joints,); False where rows repeat each other."""
     nv, loose, joints, count = driven.moved.shape[1], len(driven.rest), len(driven.posed), driven.counts[DEMANDS]
@@ -224,7 +224,7 @@ def find_accelerations(driven: Driven, back: Array) -> bool:
     return True
 
 
-@kernel
+@inner
 def pushes_for(driven: Driven, force: Array, equations: Array) -> None:
     """Write the pushes that bear `equations` (rank,), those U as they are reflected, into the end of what is left of `force`."""
     rank, mu = driven.counts[RANK], driven.mu
@@ -237,7 +237,7 @@ def pushes_for(driven: Driven, force: Array, equations: Array) -> None:
                 force[k] -= mu[p] * driven.pushes[p, k]
 
 
-@kernel
+@inner
 def write_loads(driven: Driven, scales: Array, force: Array, column: int) -> None:
     """Write controls over their scales that a force over the velocities, and pushes, ask for into a column of `loads`."""
     own, held = len(driven.own), len(driven.mu) - (len(driven.slots) - len(driven.own))
@@ -247,7 +247,7 @@ def write_loads(driven: Driven, scales: Array, force: Array, column: int) -> Non
         driven.loads[own + s, column] = driven.mu[held + s]
 
 
-@kernel
+@inner
 def find_controls(driven: Driven, mass: Array, scales: Array, values: Array, first: int, multipliers: Array) -> bool:
     """Write controls and multipliers; what is left to choose goes to the least controls. False: pushes are not determined."""
     nv, pushes, loose = driven.moved.shape[1], len(driven.mu), len(driven.rest)

@@ -10,7 +10,7 @@ import math
 from vlmb.core import intervals as span
 from vlmb.core import opcodes as op
 from vlmb.core.intervals import Interval
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Array, Tape
 from vlmb.core.scalars import atan, exp, log
 from vlmb.core.series import END, FIRST, ORDER, signal_box
@@ -18,13 +18,13 @@ from vlmb.core.series import END, FIRST, ORDER, signal_box
 Jet = tuple[Interval, Interval, Interval]
 
 
-@kernel
+@inner
 def read(boxes: Array, slot: int) -> Jet:
     """Read a slot."""
     return (boxes[slot, 0], boxes[slot, 1]), (boxes[slot, 2], boxes[slot, 3]), (boxes[slot, 4], boxes[slot, 5])
 
 
-@kernel
+@inner
 def write(boxes: Array, slot: int, jet: Jet) -> None:
     """Write a slot; an end that is no number means everything."""
     for j in range(3):
@@ -53,7 +53,7 @@ def enclose(tape: Tape, parameters: Array, low: float, high: float, boxes: Array
     play_boxes(tape, boxes, tape.parts[op.ROOTS_END], tape.parts[op.ALL_END])
 
 
-@kernel
+@inner
 def play_boxes(tape: Tape, boxes: Array, begin: int, end: int) -> None:
     """Play operations begin <= k < end on intervals."""
     leaves = tape.parts[op.LEAVES]
@@ -70,7 +70,7 @@ def play_boxes(tape: Tape, boxes: Array, begin: int, end: int) -> None:
             write(boxes, leaves + k, binary(code, x, read(boxes, tape.code[k, op.SECOND])))
 
 
-@kernel
+@inner
 def unary(code: int, x: Interval, c: float) -> tuple[Interval, Interval, Interval]:
     """Return f(x), f'(x), f''(x) of an operation of one slot with its constant c."""
     zero, one = (0.0, 0.0), (1.0, 1.0)
@@ -99,7 +99,7 @@ def unary(code: int, x: Interval, c: float) -> tuple[Interval, Interval, Interva
     return function(code, x)
 
 
-@kernel
+@inner
 def function(code: int, x: Interval) -> tuple[Interval, Interval, Interval]:
     """Return f(x), f'(x), f''(x) of an elementary function."""
     if code == op.SIN:
@@ -135,7 +135,7 @@ def function(code: int, x: Interval) -> tuple[Interval, Interval, Interval]:
     return span.arccosine(x), span.scaled(-1.0, part), span.scaled(-1.0, bend)
 
 
-@kernel
+@inner
 def binary(code: int, x: Jet, z: Jet) -> Jet:
     """Return the jet of an operation of two slots."""
     if code == op.ADD:
@@ -156,7 +156,7 @@ def binary(code: int, x: Jet, z: Jet) -> Jet:
     return (max(x[0][0], z[0][0]), max(x[0][1], z[0][1])), select(less, z, x)[1], select(less, z, x)[2]
 
 
-@kernel
+@inner
 def multiplied(x: Jet, z: Jet) -> Jet:
     """Return the jet of a product."""
     first = span.plus(span.times(x[0], z[1]), span.times(z[0], x[1]))
@@ -174,7 +174,7 @@ def turned(y: Jet, x: Jet) -> Jet:
     return span.turn(y[0], x[0]), first, span.times(part, bend)
 
 
-@kernel
+@inner
 def select(condition: Interval, x: Jet, z: Jet) -> Jet:
     """Return the jet that SELECT takes; the hull of both where it may take either."""
     if condition[1] < 0.0:

@@ -39,7 +39,21 @@ from vlmb.core.row_arrays import WORK as WORK_OF_ROW
 from vlmb.core.row_forces import add_row_powers, push_on, rate_alone, write_apart, write_still
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL
-from vlmb.core.sliding import CARVES, FOUND, FRICTION, MASS, MU, PUSH, SAVED, SLIDES, choose, lift_of, weight_carried
+from vlmb.core.sliding import (
+    ANSWERS,
+    CARVES,
+    FOUND,
+    FRICTION,
+    MASS,
+    MU,
+    PUSH,
+    SAVED,
+    SLIDES,
+    TRIED,
+    choose,
+    lift_of,
+    weight_carried,
+)
 from vlmb.core.springs import add_springs
 from vlmb.core.tape import play_jets, play_values, read_state, read_time
 from vlmb.core.tree import Array, Tree
@@ -60,11 +74,10 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     code = act(plant, memory, t, y)
     if code != 0:
         return code
-    if plant.size[CENTRE] >= 0:
-        code = slide(plant, memory, y, dy)
-        if code != 0:
-            return code
-    else:
+    slides, push = plant.size[CENTRE] >= 0, 0.0
+    for answer in range(ANSWERS if slides else 1):
+        if slides:
+            lay_friction(memory, answer, push)
         code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
         if code != 0:
             return FROM_LINKS * SOURCES + code
@@ -72,6 +85,8 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
             code = meet_rows(plant, memory, y, dy)
             if code != 0:
                 return FROM_ROWS * SOURCES + code
+        if slides:
+            push = next_friction(plant, memory, answer, y, dy)
     if plant.size[REACHES] != 0:
         push_driven(plant, memory, y)
     if plant.size[WORKS] > 0:
@@ -161,7 +176,7 @@ def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
     return code
 
 
-@kernel
+@kernel(copied=True)
 def push_on_driven(plant: Plant, memory: Memory, y: Array, dy: Array) -> None:
     """Add what rows and controls bring to the forces that driven lengths take."""
     rows, tape, tree, given, scratch = plant.rows, plant.tape, plant.tree, memory.given, memory.scratch
@@ -178,58 +193,49 @@ def push_on_driven(plant: Plant, memory: Memory, y: Array, dy: Array) -> None:
         scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= push_on(sizes, space, k)
 
 
-@kernel
-def slide(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
-    """Write the accelerations under all forces and the friction under the ski; return a code as `evaluate`.
-
-    Three answers: without friction, with a force along the ski, with the friction that follows from both.
-    """
-    found, push, first = memory.sliding[FOUND], plant.sliding[PUSH], plant.tree.shape[of.POSITIONS]
+@kernel(inline=True)
+def lay_friction(memory: Memory, answer: int, push: float) -> None:
+    """Write the generalized forces with a force along the ski; those of the first answer are kept."""
     for j in range(memory.force.shape[0]):
-        memory.sliding[SAVED, j] = memory.force[j]
-    code = answer_to(plant, memory, 0.0, y, dy)
-    if code != 0:
-        return code
-    n0, e0, a0 = normal_force(plant, memory, y, dy), edge_force(plant, memory), dy[first]
-    code = answer_to(plant, memory, push, y, dy)
-    if code != 0:
-        return code
-    n1, e1, a1 = normal_force(plant, memory, y, dy), edge_force(plant, memory), dy[first]
-    choose(found, plant.sliding[MU], y[first], (n0, e0, a0), ((n1 - n0) / push, (e1 - e0) / push, (a1 - a0) / push))
-    code = answer_to(plant, memory, found[FRICTION], y, dy)
-    if found[SLIDES] == 0.0:
-        dy[first] = 0.0
-    return code
-
-
-@kernel
-def answer_to(plant: Plant, memory: Memory, friction: float, y: Array, dy: Array) -> int:
-    """Write the accelerations with a force along the ski; return a code as `evaluate`."""
-    for j in range(memory.force.shape[0]):
+        if answer == 0:
+            memory.sliding[SAVED, j] = memory.force[j]
         memory.force[j] = memory.sliding[SAVED, j]
-    memory.force[0] += friction
-    code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
-    if code != 0:
-        return FROM_LINKS * SOURCES + code
-    if plant.rows.table.shape[0] > 0:
-        code = meet_rows(plant, memory, y, dy)
-        if code != 0:
-            return FROM_ROWS * SOURCES + code
-    return 0
+    memory.force[0] += push
 
 
-@kernel
+@kernel(copied=True)
+def next_friction(plant: Plant, memory: Memory, answer: int, y: Array, dy: Array) -> float:
+    """Return the force along the ski for the next answer: after none one that is tried, then the friction that follows from both.
+
+    The third answer has it; there a ski that stands gets no acceleration.
+    """
+    found, tried, first = memory.sliding[FOUND], memory.sliding[TRIED], plant.tree.shape[of.POSITIONS]
+    if answer == 2:
+        if found[SLIDES] == 0.0:
+            dy[first] = 0.0
+        return 0.0
+    n, e, a = normal_force(plant, memory, y, dy), edge_force(plant, memory), dy[first]
+    push = plant.sliding[PUSH]
+    if answer == 0:
+        tried[0], tried[1], tried[2] = n, e, a
+        return push
+    n0, e0, a0 = tried[0], tried[1], tried[2]
+    choose(found, plant.sliding[MU], y[first], (n0, e0, a0), ((n - n0) / push, (e - e0) / push, (a - a0) / push))
+    return found[FRICTION]
+
+
+@kernel(copied=True)
 def edge_force(plant: Plant, memory: Memory) -> float:
-    """Return the force [N] of the knife edge as a multiplier, where `answer_to` was last, if friction goes by it too; else 0."""
+    """Return the force [N] of the knife edge as a multiplier, of the answer before, if friction goes by it too; else 0."""
     if plant.sliding[CARVES] == 0.0:
         return 0.0
     sizes = sizes_of(plant.rows)
     return view(sizes, memory.rows).shares[sizes.controls]
 
 
-@kernel
+@kernel(copied=True)
 def normal_force(plant: Plant, memory: Memory, y: Array, dy: Array) -> float:
-    """Return the force [N] of the snow on the ski along the normal, where `answer_to` was last: what outer forces leave."""
+    """Return the force [N] of the snow on the ski along the normal, of the answer before: what outer forces leave."""
     tree, quantities, first = plant.tree, plant.quantities, plant.tree.shape[of.POSITIONS]
     change = dy[first : first + tree.shape[of.VELOCITIES]]
     total = weight_carried(
@@ -248,7 +254,7 @@ def normal_force(plant: Plant, memory: Memory, y: Array, dy: Array) -> float:
     return total
 
 
-@kernel
+@kernel(copied=True)
 def push_driven(plant: Plant, memory: Memory, y: Array) -> None:
     """Take what forces and controls at points do to driven lengths off the forces that these take; `measured` is overwritten."""
     write_still(memory.rows, plant.tree, y)
@@ -262,7 +268,7 @@ def push_driven(plant: Plant, memory: Memory, y: Array) -> None:
         memory.scratch.rows[plant.driven[k, ROW], AXIAL + plant.driven[k, COLUMN] // 3] -= total
 
 
-@kernel
+@kernel(copied=True)
 def carried(plant: Plant, memory: Memory, k: int, along: int) -> float:
     """Return the rate of a quantity where driven length k alone grows by 1 m/s; after `write_still`."""
     return rate_alone(
@@ -270,27 +276,27 @@ def carried(plant: Plant, memory: Memory, k: int, along: int) -> float:
     )
 
 
-@kernel
+@kernel(copied=True)
 def controls_of(plant: Plant) -> int:
     """Return the number of controls of a programme."""
     return sizes_of(plant.rows).controls if plant.rows.table.shape[0] > 0 else 0
 
 
-@kernel
+@kernel(copied=True)
 def along_control(plant: Plant, j: int) -> int:
     """Return the quantity that a control acts along."""
     sizes = sizes_of(plant.rows)
     return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, OF_CONTROL]
 
 
-@kernel
+@kernel(copied=True)
 def work_of_control(plant: Plant, j: int) -> int:
     """Return the work state of a control."""
     sizes = sizes_of(plant.rows)
     return plant.rows.table[1 + sizes.ideal - sizes.held + sizes.beyond + j, WORK_OF_ROW]
 
 
-@kernel
+@kernel(copied=True)
 def control(plant: Plant, memory: Memory, j: int) -> float:
     """Return a control of the last solution [N, N m]."""
     return view(sizes_of(plant.rows), memory.rows).shares[j] * plant.rows.gains[plant.rows.gains.shape[0] - 1, j]

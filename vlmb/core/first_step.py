@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from vlmb.core.driver import ATOL, END, FAILURE, H_MAX, METHOD, RTOL, TIME, TIME_BEFORE, Array, Driver, F, H, Y
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner
 
 SHARE, TINY, ORDERS = 0.01, 1e-6, (1, 4, 4, 7, 2, 3)  # of the error estimates, by method
 
 
-@kernel
+@inner
 def is_finite(values: Array) -> bool:
     """Whether no entry is infinite or not a number."""
     total = 0.0
@@ -19,7 +19,7 @@ def is_finite(values: Array) -> bool:
     return total == 0.0
 
 
-@kernel
+@inner
 def scaled_norm(values: Array, y: Array, rtol: float, atol: float) -> float:
     """Root mean square of values over atol + rtol |y|."""
     total = 0.0
@@ -28,7 +28,7 @@ def scaled_norm(values: Array, y: Array, rtol: float, atol: float) -> float:
     return math.sqrt(total / max(1, values.shape[0]))
 
 
-@kernel
+@inner
 def ask_probe(driver: Driver) -> None:
     """Ask for f at the end of an Euler step so short that it changes y by a hundredth."""
     real, rows = driver.real, driver.rows
@@ -41,7 +41,7 @@ def ask_probe(driver: Driver) -> None:
     real[TIME] = min(real[TIME_BEFORE] + real[H], real[END])
 
 
-@kernel
+@inner
 def step_from_probe(driver: Driver) -> float:
     """Step [s] by the size of f and of its change, for an error of a hundredth: (0.01 / max(|f|, |f'|))^(1 / (order + 1))."""
     real, rows, change = driver.real, driver.rows, driver.slope

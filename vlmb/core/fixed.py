@@ -28,7 +28,7 @@ from vlmb.core.driver import (
     H,
     Y,
 )
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 
 K2, K3, K4 = OWN, OWN + 1, OWN + 2  # rows of the slopes of RK4
 NEW_STATE = 4  # the stage whose slope is that of the new state, for all three methods
@@ -50,7 +50,7 @@ def _begin(driver: Driver) -> int:
     return begin_gauss(driver)
 
 
-@kernel
+@inner
 def next_fixed(driver: Driver) -> int:
     """Take a slope and ask for the next."""
     stage = driver.counts[STAGE]
@@ -64,7 +64,7 @@ def next_fixed(driver: Driver) -> int:
     return next_gauss(driver, stage)
 
 
-@kernel
+@inner
 def _next_rk4(driver: Driver, stage: int) -> int:
     """y1 = y0 + h (k1 + 2 k2 + 2 k3 + k4) / 6."""
     rows, h = driver.rows, driver.real[H]
@@ -77,7 +77,7 @@ def _next_rk4(driver: Driver, stage: int) -> int:
     return _ask_new(driver, F, 0.0, False)
 
 
-@kernel
+@inner
 def _ask_from_start(driver: Driver, stage: int, slope: int, share: float) -> int:
     """Ask for f(t + share h, y + share h k), k in the row `slope`."""
     real = driver.real
@@ -100,7 +100,7 @@ def _ask_new(driver: Driver, slope: int, h: float, make: bool) -> int:
     return EVALUATE
 
 
-@kernel
+@inner
 def begin_gauss(driver: Driver) -> int:
     """Guess both stages by the parabola through the three slopes of the step before; ask for the first."""
     rows = driver.rows
@@ -115,7 +115,7 @@ def begin_gauss(driver: Driver) -> int:
     return _ask_gauss(driver, FIRST)
 
 
-@kernel
+@inner
 def _extrapolate(rows: Array, x: float, guess: Array) -> None:
     """Slope at x steps after the start by those at 0 and at -1/2 -+ sqrt(3)/6 of it, which the step before left."""
     a, b = -0.5 - ROOT, -0.5 + ROOT
@@ -126,7 +126,7 @@ def _extrapolate(rows: Array, x: float, guess: Array) -> None:
         guess[j] = at_start * rows[F, j] + at_first * rows[LAST_K, j] + at_second * rows[LAST_K + 1, j]
 
 
-@kernel
+@inner
 def _ask_gauss(driver: Driver, stage: int) -> int:
     """Ask for the slope of a stage: f(t + c h, y + h (a1 k1 + a2 k2))."""
     rows, real, h = driver.rows, driver.real, driver.real[H]
@@ -140,7 +140,7 @@ def _ask_gauss(driver: Driver, stage: int) -> int:
     return EVALUATE
 
 
-@kernel
+@inner
 def next_gauss(driver: Driver, stage: int) -> int:
     """Take the slope of a stage; go on until neither changes by more than rounding."""
     rows, real, slope = driver.rows, driver.real, driver.slope
@@ -164,7 +164,7 @@ def next_gauss(driver: Driver, stage: int) -> int:
     return _finish_gauss(driver) if change <= GOOD_ENOUGH * size else DIVERGED
 
 
-@kernel
+@inner
 def _finish_gauss(driver: Driver) -> int:
     """y1 = y0 + h (k1 + k2) / 2; what rounding loses of it is added to the next step."""
     rows, h = driver.rows, driver.real[H]
@@ -177,13 +177,13 @@ def _finish_gauss(driver: Driver) -> int:
     return _ask_new(driver, F, 0.0, False)
 
 
-@kernel
+@inner
 def _copy(source: Array, target: Array) -> None:
     for j in range(source.shape[0]):
         target[j] = source[j]
 
 
-@kernel
+@inner
 def interpolate_cubic(driver: Driver, t: float, y: Array) -> None:
     """Cubic through y and f at both ends of the step."""
     rows, h = driver.rows, driver.real[H]

@@ -19,12 +19,12 @@ from vlmb.core.driver import (
     Driver,
     H,
 )
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 
 DOUBT = 0.2  # of the bend of a cubic: how far off it may be where it turns
 
 
-@kernel
+@inner
 def sign(x: float) -> float:
     """-1, 0 or 1."""
     if x > 0.0:
@@ -32,7 +32,7 @@ def sign(x: float) -> float:
     return -1.0 if x < 0.0 else 0.0
 
 
-@kernel
+@inner
 def side_at_start(value: float, rate: float, zero: float, zero_rate: float) -> float:
     """Side of 0: that of the value, or on 0 the one it moves to; 0 if it rests there: then any motion leaves it."""
     if abs(value) > zero:
@@ -40,7 +40,7 @@ def side_at_start(value: float, rate: float, zero: float, zero_rate: float) -> f
     return sign(rate) if abs(rate) > zero_rate else 0.0
 
 
-@kernel
+@inner
 def note_start(driver: Driver) -> None:
     """Take the indicators at the start of a run; HIT of a resumed one means that its side is known."""
     g = driver.indicators
@@ -53,7 +53,7 @@ def note_start(driver: Driver) -> None:
     _remember(g)
 
 
-@kernel
+@inner
 def leaves_at_start(driver: Driver) -> bool:
     """Mark in HIT the first indicator that starts on its 0 and leaves it the wrong way; return whether there is one.
 
@@ -68,7 +68,7 @@ def leaves_at_start(driver: Driver) -> bool:
     return False
 
 
-@kernel
+@inner
 def note_step(driver: Driver) -> None:
     """Take the indicators at the end of an accepted step as those at the start of the next."""
     g = driver.indicators
@@ -80,14 +80,14 @@ def note_step(driver: Driver) -> None:
     _remember(g)
 
 
-@kernel
+@inner
 def _remember(g: Array) -> None:
     for i in range(g.shape[1]):
         g[VALUE_BEFORE, i] = g[VALUE, i]
         g[RATE_BEFORE, i] = g[RATE, i]
 
 
-@kernel
+@inner
 def find_suspects(driver: Driver) -> bool:
     """Mark in HIT the indicators that may have crossed 0 in a watched direction within the step; return whether there are any."""
     g, h = driver.indicators, driver.real[H]
@@ -100,7 +100,7 @@ def find_suspects(driver: Driver) -> bool:
     return some
 
 
-@kernel
+@inner
 def crosses(start: tuple[float, float, float], g1: float, m1: float, direction: float) -> bool:
     """Whether a function of values g and slopes m at both ends may change sign in a direction (0: any) for x in [0, 1].
 
@@ -132,7 +132,7 @@ def leaves(side: float, now: float, direction: float) -> bool:
     return now != 0.0 and now != side and direction * now >= 0.0
 
 
-@kernel
+@inner
 def hermite(x: float, g0: float, m0: float, g1: float, m1: float) -> float:
     """Cubic through (0, g0) and (1, g1) with slopes m0 and m1."""
     rise = g1 - g0

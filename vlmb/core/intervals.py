@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import TAU, acos, asin, atan2, cos, floor, sin, sqrt, tan
 
 Interval = tuple[float, float]
@@ -21,7 +21,7 @@ def whole_line() -> Interval:
     return -INFINITE, INFINITE
 
 
-@kernel
+@inner
 def hull(x: Interval, z: Interval) -> Interval:
     """Return the interval around two."""
     return min(x[0], z[0]), max(x[1], z[1])
@@ -33,13 +33,13 @@ def plus(x: Interval, z: Interval) -> Interval:
     return x[0] + z[0], x[1] + z[1]
 
 
-@kernel
+@inner
 def minus(x: Interval, z: Interval) -> Interval:
     """Return x - z."""
     return x[0] - z[1], x[1] - z[0]
 
 
-@kernel
+@inner
 def product(x: float, z: float) -> float:
     """Return the product of two ends: 0 times infinity is 0."""
     return 0.0 if x == 0.0 or z == 0.0 else x * z
@@ -58,7 +58,7 @@ def scaled(k: float, x: Interval) -> Interval:
     return times((k, k), x)
 
 
-@kernel
+@inner
 def reciprocal(x: Interval) -> Interval:
     """Return 1 / x; everything where x contains 0 inside."""
     if x[0] < 0.0 < x[1] or (x[0] == 0.0 and x[1] == 0.0):
@@ -66,14 +66,14 @@ def reciprocal(x: Interval) -> Interval:
     return (1.0 / x[1] if x[1] != 0.0 else -INFINITE), (1.0 / x[0] if x[0] != 0.0 else INFINITE)
 
 
-@kernel
+@inner
 def squared(x: Interval) -> Interval:
     """Return x^2."""
     a, b = x[0] * x[0], x[1] * x[1]
     return (0.0 if x[0] <= 0.0 <= x[1] else min(a, b)), max(a, b)
 
 
-@kernel
+@inner
 def rooted(x: Interval) -> Interval:
     """Return the square root."""
     return sqrt(max(x[0], 0.0)), sqrt(max(x[1], 0.0))
@@ -94,7 +94,7 @@ def raised(x: Interval, exponent: float) -> Interval:
     return (0.0 if x[0] <= 0.0 <= x[1] else min(a, b)), max(a, b)
 
 
-@kernel
+@inner
 def sine(x: Interval) -> Interval:
     """Return sin x: its ends, and 1 or -1 where a crest or a trough lies inside."""
     if not x[1] - x[0] < TAU:
@@ -105,7 +105,7 @@ def sine(x: Interval) -> Interval:
     return (-1.0 if trough else min(a, b)), (1.0 if crest else max(a, b))
 
 
-@kernel
+@inner
 def cosine(x: Interval) -> Interval:
     """Return cos x."""
     if not x[1] - x[0] < TAU:
@@ -116,7 +116,7 @@ def cosine(x: Interval) -> Interval:
     return (-1.0 if trough else min(a, b)), (1.0 if crest else max(a, b))
 
 
-@kernel
+@inner
 def tangent(x: Interval) -> Interval:
     """Return tan x; everything where a pole lies inside."""
     if not x[1] - x[0] < 0.5 * TAU or floor(x[1] / (0.5 * TAU) + 0.5) > floor(x[0] / (0.5 * TAU) + 0.5):
@@ -124,13 +124,13 @@ def tangent(x: Interval) -> Interval:
     return tan(x[0]), tan(x[1])
 
 
-@kernel
+@inner
 def arcsine(x: Interval) -> Interval:
     """Return asin x within [-1, 1]."""
     return asin(min(max(x[0], -1.0), 1.0)), asin(min(max(x[1], -1.0), 1.0))
 
 
-@kernel
+@inner
 def arccosine(x: Interval) -> Interval:
     """Return acos x within [-1, 1]."""
     return acos(min(max(x[1], -1.0), 1.0)), acos(min(max(x[0], -1.0), 1.0))
@@ -145,14 +145,14 @@ def turn(y: Interval, x: Interval) -> Interval:
     return min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
 
 
-@kernel
+@inner
 def absolute(x: Interval) -> Interval:
     """Return |x|."""
     a, b = abs(x[0]), abs(x[1])
     return (0.0 if x[0] <= 0.0 <= x[1] else min(a, b)), max(a, b)
 
 
-@kernel
+@inner
 def largest(x: Interval) -> float:
     """Return the largest |x|; infinite where unknown."""
     size = max(abs(x[0]), abs(x[1]))

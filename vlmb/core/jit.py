@@ -20,6 +20,7 @@ COMPILED = MODE != "0"
 # No nnan and no ninf: a state that is not finite must come out as such. Kernels only borrow their arrays: counting references
 # to them would take several times as long as the mechanics.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": {"contract", "nsz", "arcp"}, "_nrt": False}
+PARTS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 @overload
@@ -29,7 +30,7 @@ def kernel(*, inline: bool = False, allocates: bool = False, copied: bool = Fals
 def kernel(
     function: Function | None = None, *, inline: bool = False, allocates: bool = False, copied: bool = False
 ) -> Function | Callable[[Function], Function]:
-    """Compile a function on its first call, once on this machine.
+    """Compile a function on its first call, once on this machine; `inner` is for those that only kernels call.
 
     `inline` makes it a part of every kernel that calls it, and leaves it plain Python for Python: for small functions.
     `allocates` lets it make arrays. `copied` puts its text into kernels that call it, so that it may return parts of arrays.
@@ -46,9 +47,7 @@ def kernel(
         if inline:
             from numba.extending import register_jitable
 
-            # compiled where kernels call it and in no other form: what Python would call is half of the compiling
-            whole = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-            return register_jitable(**whole, **options)(function)
+            return register_jitable(forceinline=True, **PARTS, **options)(function)
         if MODE == "bounds":
             import numba
 
@@ -56,6 +55,18 @@ def kernel(
         return cache.compiled(function, options)
 
     return decorate if function is None else decorate(function)
+
+
+def inner(function: Function) -> Function:
+    """Compile a function with the kernels that call it, and in no other form: Python sees it as it is written.
+
+    What Python would call takes a second of compiling for a function that is handed a mechanism and its memory.
+    """
+    if not COMPILED:
+        return function
+    from numba.extending import register_jitable
+
+    return cast(Function, register_jitable(**PARTS, **OPTIONS, boundscheck=MODE == "bounds")(function))
 
 
 def _of_any_number(name: str) -> Callable[..., Any]:

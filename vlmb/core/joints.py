@@ -14,7 +14,7 @@ from vlmb.core import opcodes as op
 from vlmb.core import packed
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.packed import buffers_of, part, quantities_of, table, tape_of, tree_of
 from vlmb.core.quantities import KIND, LINK, PLANE_ELEVATION, add_row, measure
 from vlmb.core.rows import write_residual, write_row
@@ -55,7 +55,7 @@ def joints_of(i: Integers) -> Joints:
     return Joints(part(i, i, packed.JOINT_SHAPE), table(i, i, packed.JOINT, 6))
 
 
-@kernel
+@inner
 def triple(values: Array, row: int, at: int) -> Vector:
     """Return three numbers of a table."""
     return values[row, at], values[row, at + 1], values[row, at + 2]
@@ -69,7 +69,7 @@ def heading_of(tree: Tree, q: Array) -> Vector:
     return (q[2], q[3], 0.0) if tree.shape[of.BASE_KIND] == of.SLIDING else (1.0, 0.0, 0.0)
 
 
-@kernel
+@inner
 def read_base(joints: Joints, tree: Tree, q: Array, v: Array, yaw: float, y: Array) -> None:
     """Write the base's entries of the core's state; its heading nearest to `yaw`."""
     rates = tree.shape[of.POSITIONS]
@@ -88,7 +88,7 @@ def axis_of(tree: Tree, axes: Array, k: int) -> Vector:
     return (0.0, -1.0, 0.0) if tree.shape[of.UPRIGHT] != 0 else triple(axes, k, AXIS)
 
 
-@kernel
+@inner
 def turn_link(joints: Joints, tree: Tree, i: int, v: Array, axes: Array, spin: Array) -> None:
     """Write w_i and w_i' of a link where v' = 0, from those of its parent, in the frame of the directions."""
     parent, at = tree.link[i, of.PARENT], joints.link[i, V]
@@ -105,7 +105,7 @@ def turn_link(joints: Joints, tree: Tree, i: int, v: Array, axes: Array, spin: A
     spin[i, 3], spin[i, 4], spin[i, 5] = growth
 
 
-@kernel
+@inner
 def total_turn(joints: Joints, tree: Tree, i: int, q: Array) -> float:
     """Return psi of a link in a plane: the sum of the turns up to it."""
     psi = 0.0
@@ -115,7 +115,7 @@ def total_turn(joints: Joints, tree: Tree, i: int, q: Array) -> float:
     return psi
 
 
-@kernel
+@inner
 def direction_of(joints: Joints, tree: Tree, i: int, q: Array, axes: Array, h: Vector) -> Vector:
     """Return d_i: the first axis of its ball, or (cos psi h, sin psi) with psi the sum of the turns up to the link."""
     if joints.shape[PLANE] == 0:
@@ -147,7 +147,7 @@ def read_state(
             y[at_p], y[at_v] = q[joints.link[i, UPPER_Q]], v[joints.link[i, UPPER_V]]
 
 
-@kernel
+@inner
 def carry(joints: Joints, tree: Tree, axes: Array, y: Array, row: Array, moment: Array, out: Array) -> None:
     """Write into `out` (engine's nv,) what a row (core's nv,) is over the engine's velocities."""
     for k in range(out.shape[0]):
@@ -178,7 +178,7 @@ def carry(joints: Joints, tree: Tree, axes: Array, y: Array, row: Array, moment:
             out[2] += moment[i, 2]
 
 
-@kernel
+@inner
 def read_joints(i: Integers, reals: Array, q: Array, v: Array, axes: Array, branch: Array) -> None:
     """Read the state and measure all that the tape uses; a quantity without a value is nan.
 

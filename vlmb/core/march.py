@@ -83,7 +83,7 @@ from vlmb.core.driver import (
 from vlmb.core.first_step import is_finite
 from vlmb.core.fixed import next_fixed
 from vlmb.core.indicators import find_suspects, note_step
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.radau import next_radau
 from vlmb.core.samples import sample_inside, state_at, write_samples
 from vlmb.core.start import go_on_with_start
@@ -140,7 +140,7 @@ def march_here(driver: Driver) -> int:
     return code
 
 
-@kernel
+@inner
 def _begin_step(driver: Driver) -> int:
     """Begin a trial step that ends at `end` at the latest; say SLICE, or what stops the run, where it is time to."""
     count, real = driver.counts, driver.real
@@ -166,7 +166,7 @@ def _begin_step(driver: Driver) -> int:
     return GO
 
 
-@kernel
+@inner
 def _settle(driver: Driver, code: int) -> int:
     """Act on what a method says of its step or its dense output."""
     if code == ACCEPTED:
@@ -176,7 +176,7 @@ def _settle(driver: Driver, code: int) -> int:
     return _retry(driver) if code == REJECTED else _refuse(driver)
 
 
-@kernel
+@inner
 def _accept(driver: Driver) -> int:
     """An accepted step goes to the indicators, or straight to the samples; one that is not finite is none."""
     if not (is_finite(driver.rows[Y_NEW]) and is_finite(driver.rows[F_NEW])):
@@ -188,7 +188,7 @@ def _accept(driver: Driver) -> int:
     return GO
 
 
-@kernel
+@inner
 def _refuse(driver: Driver) -> int:
     """Try a shorter step where f had no answer; keep the first reason. Fixed steps cannot."""
     count, real = driver.counts, driver.real
@@ -203,7 +203,7 @@ def _refuse(driver: Driver) -> int:
     return _retry(driver)
 
 
-@kernel
+@inner
 def _retry(driver: Driver) -> int:
     count = driver.counts
     count[REJECTIONS] += 1
@@ -212,7 +212,7 @@ def _retry(driver: Driver) -> int:
     return GO
 
 
-@kernel
+@inner
 def _judge(driver: Driver) -> int:
     """Look at the indicators; suspects want the dense output and the caller's verdict."""
     driver.counts[ANSWER] = GO_ON
@@ -222,7 +222,7 @@ def _judge(driver: Driver) -> int:
     return _want_dense(driver, SUSPECTED)
 
 
-@kernel
+@inner
 def _want_dense(driver: Driver, then: int) -> int:
     """Make the dense output of this step ready, then go on with a phase."""
     driver.counts[AFTER_DENSE] = then
@@ -231,7 +231,7 @@ def _want_dense(driver: Driver, then: int) -> int:
     return GO
 
 
-@kernel
+@inner
 def _have_dense(driver: Driver) -> int:
     """Show suspects to the caller, or go back to the samples."""
     count = driver.counts
@@ -243,7 +243,7 @@ def _have_dense(driver: Driver) -> int:
     return GO
 
 
-@kernel
+@inner
 def _show_new_state(driver: Driver) -> None:
     """Put the end of the step where the caller reads it."""
     driver.real[TIME] = driver.real[T_NEW]
@@ -252,7 +252,7 @@ def _show_new_state(driver: Driver) -> None:
         driver.slope[j] = driver.rows[F_NEW, j]
 
 
-@kernel
+@inner
 def _show_start_of_step(driver: Driver) -> None:
     """Put the last good state where the caller reads it."""
     driver.real[TIME] = driver.real[TIME_BEFORE]
@@ -260,7 +260,7 @@ def _show_start_of_step(driver: Driver) -> None:
         driver.point[j] = driver.rows[Y, j]
 
 
-@kernel
+@inner
 def _finish_step(driver: Driver) -> int:
     """Write the samples of the step, then go on from its end, or stop within it."""
     count, real = driver.counts, driver.real
@@ -280,7 +280,7 @@ def _finish_step(driver: Driver) -> int:
     return _step_on(driver)
 
 
-@kernel
+@inner
 def _step_on(driver: Driver) -> int:
     """Make the end of the step the start of the next."""
     count, real, rows = driver.counts, driver.real, driver.rows

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from vlmb.core import opcodes as op
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import NAN, acos, asin, atan, atan2, cos, exp, log, quotient, sin, sqrt, tan
 
 
-@kernel
+@inner
 def power(x: float, exponent: float) -> float:
     """Return x^e for x >= 0; nan where it is infinite or not real."""
     if x > 0.0:
@@ -15,13 +15,13 @@ def power(x: float, exponent: float) -> float:
     return 0.0 * x if x == 0.0 and exponent > 0.0 else NAN
 
 
-@kernel
+@inner
 def whole_power(x: float, exponent: int) -> float:
     """Return x^n for a whole n; nan where it is infinite."""
     return NAN if x == 0.0 and exponent < 0 else x**exponent
 
 
-@kernel
+@inner
 def unary_value(code: int, x: float, c: float) -> float:
     """Return f(x) of an operation of one slot with its constant c."""
     if code == op.SHIFT:
@@ -49,7 +49,7 @@ def unary_value(code: int, x: float, c: float) -> float:
     return function_value(code, x)
 
 
-@kernel
+@inner
 def function_value(code: int, x: float) -> float:
     """Return f(x) of an elementary function."""
     if code == op.SIN:
@@ -93,7 +93,7 @@ def unary_jet(code: int, x: float, c: float) -> tuple[float, float, float]:
     return f, slope, bend
 
 
-@kernel
+@inner
 def unary_slopes(code: int, x: float, f: float, c: float) -> tuple[float, float]:
     """Return f'(x) and f''(x) of the other operations of one slot with its value f."""
     if code == op.OVER:
@@ -108,7 +108,7 @@ def unary_slopes(code: int, x: float, f: float, c: float) -> tuple[float, float]
     return function_slopes(code, x, f)
 
 
-@kernel
+@inner
 def power_slopes(x: float, f: float, exponent: float) -> tuple[float, float]:
     """Return e x^(e - 1) and e (e - 1) x^(e - 2) for e other than 0, 1, 2."""
     if x == 0.0:
@@ -117,7 +117,7 @@ def power_slopes(x: float, f: float, exponent: float) -> tuple[float, float]:
     return slope, (exponent - 1.0) * slope / x
 
 
-@kernel
+@inner
 def function_slopes(code: int, x: float, f: float) -> tuple[float, float]:
     """Return f'(x) and f''(x) of an elementary function other than sine and cosine with its value f."""
     if code == op.TAN:
@@ -139,7 +139,7 @@ def function_slopes(code: int, x: float, f: float) -> tuple[float, float]:
     return slope, x * slope * square
 
 
-@kernel
+@inner
 def binary_value(code: int, x: float, z: float) -> float:
     """Return f(x, z) of an operation of two slots."""
     if code == op.ADD:
@@ -157,7 +157,7 @@ def binary_value(code: int, x: float, z: float) -> float:
     return x if x >= z else (z if z > x else NAN)
 
 
-@kernel
+@inner
 def binary_slopes(code: int, x: float, z: float, f: float) -> tuple[float, float, float, float, float]:
     """Return f_x, f_z, f_xx, f_xz, f_zz of an operation of two slots with its value f."""
     if code == op.ADD:

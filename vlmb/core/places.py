@@ -12,7 +12,7 @@ rate is then u^ + W x d^, and d^'' has 2 W x u^ + W x (W x d^) + phi0'' z x d^ b
 from __future__ import annotations
 
 from vlmb.core import tree as of
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import cos, sin, sqrt
 from vlmb.core.tree import Array, Tree
 from vlmb.core.triples import Vector, across, dot, plus, scaled
@@ -24,37 +24,37 @@ NORMAL, HEADING = -1, -2  # directions that are no link's: the surface normal; t
 LOWER, UPPER, BOTH = 1, 2, 3  # segments that a distance along a link includes
 
 
-@kernel
+@inner
 def steers(tree: Tree) -> bool:
     """Tell whether the base is a ski, whose heading turns."""
     return tree.shape[of.BASE_KIND] == of.SKI or tree.shape[of.BASE_KIND] == of.SLIDING
 
 
-@kernel
+@inner
 def yaw_index(tree: Tree) -> int:
     """Return where the yaw rate of a ski stands among the velocities."""
     return 1 if tree.shape[of.BASE_KIND] == of.SKI else 2
 
 
-@kernel
+@inner
 def yaw_rate(tree: Tree, y: Array) -> float:
     """Return phi0' [rad/s]; 0 for a base that does not turn."""
     return y[tree.shape[of.POSITIONS] + yaw_index(tree)] if steers(tree) else 0.0
 
 
-@kernel
+@inner
 def heading(tree: Tree, y: Array) -> Vector:
     """Return the ski's direction h = (cos phi0, sin phi0, 0); the x axis for another base."""
     return (cos(y[2]), sin(y[2]), 0.0) if steers(tree) else (1.0, 0.0, 0.0)
 
 
-@kernel
+@inner
 def leftwards(h: Vector) -> Vector:
     """Return z x h."""
     return -h[1], h[0], 0.0
 
 
-@kernel
+@inner
 def link_direction(tree: Tree, y: Array, i: int) -> Motion:
     """Return d^, u^ and the drift of d^ of a link."""
     p, v = tree.link[i, of.AT_P], tree.shape[of.POSITIONS] + tree.link[i, of.AT_V]
@@ -69,7 +69,7 @@ def link_direction(tree: Tree, y: Array, i: int) -> Motion:
     return d, u, drift
 
 
-@kernel
+@inner
 def turned_with_ski(tree: Tree, y: Array, d: Vector, u: Vector, drift: Vector) -> Motion:
     """Return a direction of the ski's frame with its rate and drift there in the surface frame."""
     h, w = heading(tree, y), yaw_rate(tree, y)
@@ -78,7 +78,7 @@ def turned_with_ski(tree: Tree, y: Array, d: Vector, u: Vector, drift: Vector) -
     return to_surface(h, d), to_surface(h, rate), to_surface(h, drift)
 
 
-@kernel
+@inner
 def to_surface(h: Vector, a: Vector) -> Vector:
     """Return a vector of the frame of a ski with the heading h in the surface frame."""
     return h[0] * a[0] - h[1] * a[1], h[1] * a[0] + h[0] * a[1], a[2]
@@ -95,7 +95,7 @@ def direction(tree: Tree, y: Array, which: int) -> Motion:
     return h, scaled(w, leftwards(h)), scaled(-w * w, h)
 
 
-@kernel
+@inner
 def push_direction(tree: Tree, y: Array, which: int, d: Vector, e: Vector, out: Array) -> None:
     """Add to `out` (nv,) the row of e . d, that is the force of e on the direction d."""
     if which >= 0:
@@ -110,7 +110,7 @@ def push_direction(tree: Tree, y: Array, which: int, d: Vector, e: Vector, out: 
         out[yaw_index(tree)] += dot(e, leftwards(d))
 
 
-@kernel
+@inner
 def lower_length(tree: Tree, y: Array, given: Array, i: int) -> Moving:
     """Return a, a' and the drift of a: 0 where a is free, a'' where it is given."""
     if tree.link[i, of.LOWER_FREE]:
@@ -118,7 +118,7 @@ def lower_length(tree: Tree, y: Array, given: Array, i: int) -> Moving:
     return given[i, 0], given[i, 1], given[i, 2]
 
 
-@kernel
+@inner
 def upper_length(tree: Tree, y: Array, given: Array, i: int) -> Moving:
     """Return b, b' and the drift of b."""
     if tree.link[i, of.UPPER_FREE]:
@@ -140,7 +140,7 @@ def distance(tree: Tree, y: Array, given: Array, i: int, offset: float, along: i
     return r, rate, drift
 
 
-@kernel
+@inner
 def push_distance(tree: Tree, i: int, along: int, force: float, out: Array) -> None:
     """Add the row of a distance along link i times a force."""
     at = tree.link[i, of.AT_V] + 3
@@ -150,7 +150,7 @@ def push_distance(tree: Tree, i: int, along: int, force: float, out: Array) -> N
         out[at + tree.link[i, of.LOWER_FREE]] += force
 
 
-@kernel
+@inner
 def base_place(tree: Tree, y: Array) -> Motion:
     """Return place, velocity and drift of the base's point A."""
     kind, v = tree.shape[of.BASE_KIND], tree.shape[of.POSITIONS]
@@ -164,7 +164,7 @@ def base_place(tree: Tree, y: Array) -> Motion:
     return (y[0], y[1], 0.0), plus(scaled(y[v], h), sideways, n), plus(scaled(w * y[v], n), -w * sideways, h)
 
 
-@kernel
+@inner
 def push_base(tree: Tree, h: Vector, e: Vector, out: Array) -> None:
     """Add the row of e . place of the base's point A, with the heading h."""
     kind = tree.shape[of.BASE_KIND]
@@ -178,28 +178,28 @@ def push_base(tree: Tree, h: Vector, e: Vector, out: Array) -> None:
             out[1] += dot(e, leftwards(h))
 
 
-@kernel
+@inner
 def arm_of(tree: Tree, h: Vector, i: int) -> Vector:
     """Return the way from A to the hinge of a link on the base [m]."""
     ahead, left, up = tree.real[i, of.ANCHOR], tree.real[i, of.ANCHOR + 1], tree.real[i, of.ANCHOR + 2]
     return plus(plus(scaled(ahead, h), left, leftwards(h)), 1.0, (0.0, 0.0, up))
 
 
-@kernel
+@inner
 def turned_arm(tree: Tree, y: Array, arm: Vector) -> Motion:
     """Return an arm that turns with the base, its rate w z x arm and its drift -w^2 times its flat part."""
     w = yaw_rate(tree, y)
     return arm, scaled(w, leftwards(arm)), scaled(-w * w, (arm[0], arm[1], 0.0))
 
 
-@kernel
+@inner
 def push_arm(tree: Tree, arm: Vector, e: Vector, out: Array) -> None:
     """Add the row of e . arm."""
     if steers(tree):
         out[yaw_index(tree)] += dot(e, leftwards(arm))
 
 
-@kernel
+@inner
 def added(total: Motion, r: Moving, d: Motion) -> Motion:
     """Add r d to a place: rate r' d + r d', drift with 2 r' d'."""
     value = plus(total[0], r[0], d[0])
@@ -223,7 +223,7 @@ def point(tree: Tree, y: Array, given: Array, link: int, offset: float, along: i
     return total
 
 
-@kernel
+@inner
 def push_point(tree: Tree, y: Array, given: Array, link: int, offset: float, along: int, e: Vector, out: Array) -> None:
     """Add the row of e . place of a point: the generalized force of a force e [N] there."""
     h = heading(tree, y)
@@ -241,7 +241,7 @@ def push_point(tree: Tree, y: Array, given: Array, link: int, offset: float, alo
         i = parent
 
 
-@kernel
+@inner
 def place_on(tree: Tree, i: int, parent: int) -> tuple[float, int]:
     """Return where link i hangs on its parent: offset and segments of its distance from the parent's hinge."""
     if tree.link[i, of.PLACE] == of.ROD:

@@ -76,7 +76,7 @@ class Memory(NamedTuple):
     branches: Array  # (N, quantities, 2) `reference` at samples; N = 0: not kept
     kept: Integers  # (1,) how many of them are
     rows: RowMemory
-    sliding: Array  # (2, any) see sliding.py; empty without friction
+    sliding: Array  # (3, any) see sliding.py; empty without friction
 
 
 def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
@@ -91,7 +91,7 @@ def make_memory(plant: Plant, given: Array, inputs: int = 0) -> Memory:
         switches=np.zeros((len(plant.tape.switch), 2)), lines=np.zeros((len(plant.springs.pair), 3)),
         branches=np.zeros((0, count, 2)), kept=np.zeros(1, np.int64),
         rows=make_row_memory(plant.rows, nv, size, len(given), len(plant.driven)),
-        sliding=np.full((2, max(nv, 6) if len(plant.sliding) else 0), np.nan),
+        sliding=np.full((3, max(nv, 6) if len(plant.sliding) else 0), np.nan),
     )  # fmt: skip
     prepare(plant.tape, memory.buffers, plant.parameters)
     return memory

@@ -12,7 +12,7 @@ from vlmb.core.dense import (
     solve_lower,
     solve_upper,
 )
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.row_arrays import BORDER, COLUMN, FREE, OF_ROW, REPEATING, ROOT, SIDE, VARYING, RowMemory, Rows, Sizes, Space, view
 from vlmb.core.scalars import sqrt
@@ -23,7 +23,7 @@ SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this i
 UNMET = 1e-6  # of the largest beta, or [1/s^2]: error of a row that the controls do not meet
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def solve_programme(rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, tape: Tape, buffers: Buffers) -> bool:
     """Write the controls over their scales into the shares; return whether the rows of the programme are met.
 
@@ -53,7 +53,7 @@ def ratio_of(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers, k: int) -> 
     return 1.0
 
 
-@kernel
+@kernel(copied=True)
 def share_out(sizes: Sizes, memory: RowMemory) -> bool:
     """Write the least controls that meet all rows; return whether those of the programme are met.
 
@@ -106,7 +106,7 @@ def least(sizes: Sizes, memory: RowMemory, rows: int) -> bool:
     return True
 
 
-@kernel
+@inner
 def least_deficient(sizes: Sizes, memory: RowMemory) -> bool:
     """The same for rows that repeat each other; False where they ask for what the controls cannot give, with their errors."""
     space, rows, controls = view(sizes, memory), sizes.servo, sizes.controls
@@ -130,7 +130,7 @@ def least_deficient(sizes: Sizes, memory: RowMemory) -> bool:
     return worst <= UNMET * largest
 
 
-@kernel
+@inner
 def add_secondary(sizes: Sizes, memory: RowMemory) -> None:
     """Add Z x with the least squares of what the secondary rows lack, G_2 (u + Z x) - beta_2; Z spans the kernel of G."""
     space, servo, rows, controls = view(sizes, memory), sizes.servo, sizes.beyond, sizes.controls
@@ -154,7 +154,7 @@ def add_secondary(sizes: Sizes, memory: RowMemory) -> None:
         u[j] += added[j]
 
 
-@kernel
+@inner
 def add_free(rows: Rows, sizes: Sizes, memory: RowMemory, tape: Tape, buffers: Buffers) -> None:
     """Add u0 u_tau of (5.6): u_tau is the generalized cross product of the rows of G, and of those of the border below them."""
     space = view(sizes, memory)

@@ -13,7 +13,7 @@ import numpy as np
 from vlmb.core import angles, places
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.places import Moving
 from vlmb.core.scalars import NAN, sqrt
 from vlmb.core.tree import Array, Integers, Tree
@@ -74,13 +74,13 @@ def mass_shares(tree: Tree) -> Array:
     return share / share[n, MASS_SHARE] if share[n, MASS_SHARE] else share
 
 
-@kernel
+@inner
 def axis(component: int) -> Vector:
     """Return a unit vector of the surface frame."""
     return (1.0 if component == 0 else 0.0), (1.0 if component == 1 else 0.0), (1.0 if component == 2 else 0.0)
 
 
-@kernel
+@inner
 def component_of(parts: tuple[Vector, Vector, Vector], component: int) -> Moving:
     """Return one component of value, rate and drift."""
     return parts[0][component], parts[1][component], parts[2][component]
@@ -89,7 +89,7 @@ def component_of(parts: tuple[Vector, Vector, Vector], component: int) -> Moving
 # The centre of mass
 
 
-@kernel
+@inner
 def link_share(share: Array, tree: Tree, y: Array, given: Array, i: int) -> Moving:
     """Return the factor of d_i in the centre of mass, with rate and drift [m]."""
     a = scaled(share[i, LOWER_SHARE], places.distance(tree, y, given, i, 0.0, places.LOWER))
@@ -97,7 +97,7 @@ def link_share(share: Array, tree: Tree, y: Array, given: Array, i: int) -> Movi
     return ab[0] + share[i, CONSTANT_SHARE], ab[1], ab[2]
 
 
-@kernel
+@inner
 def centre_of_mass(share: Array, tree: Tree, y: Array, given: Array) -> tuple[Vector, Vector, Vector]:
     """Return place, velocity and drift of the whole mechanism's centre of mass."""
     h, n = places.heading(tree, y), tree.shape[of.LINKS]
@@ -110,7 +110,7 @@ def centre_of_mass(share: Array, tree: Tree, y: Array, given: Array) -> tuple[Ve
     return total
 
 
-@kernel
+@inner
 def push_centre_of_mass(share: Array, tree: Tree, y: Array, given: Array, e: Vector, out: Array) -> None:
     """Add the row of e . place of the centre of mass."""
     h, n = places.heading(tree, y), tree.shape[of.LINKS]
@@ -166,7 +166,7 @@ def measure_here(quantities: Quantities, k: int, tree: Tree, y: Array, given: Ar
     return code
 
 
-@kernel
+@inner
 def place_of(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> tuple[Vector, Vector, Vector]:
     """Return place, velocity and drift of an end of a distance."""
     offset = quantities.offset
@@ -176,7 +176,7 @@ def place_of(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array)
     return places.point(tree, y, given, quantities.kind[k, LINK], offset[k], quantities.kind[k, ALONG])
 
 
-@kernel
+@inner
 def distance_quantity(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> tuple[int, Moving]:
     """Return code, and value, rate and drift of a constant, a distance l = |r| or l^2/2.
 
@@ -197,7 +197,7 @@ def distance_quantity(quantities: Quantities, k: int, tree: Tree, y: Array, give
     return FINE, (length, growth / length, (bend - growth * growth / square) / length)
 
 
-@kernel
+@inner
 def push_ends(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, scale: float, out: Array) -> int:
     """Add the row of a distance, or of half its square, times a force; return a code."""
     first, second = quantities.kind[k, LINK], quantities.kind[k, SECOND]
@@ -213,7 +213,7 @@ def push_ends(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array
     return FINE
 
 
-@kernel
+@inner
 def push_place(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, e: Vector, out: Array) -> None:
     """Add the row of e . place of an end of a distance."""
     kind = quantities.kind
@@ -221,7 +221,7 @@ def push_place(quantities: Quantities, k: int, tree: Tree, y: Array, given: Arra
         places.push_point(tree, y, given, kind[k, LINK], quantities.offset[k], kind[k, ALONG], e, out)
 
 
-@kernel
+@inner
 def base_quantity(tree: Tree, y: Array, kind: int, component: int) -> Moving:
     """Return value, rate and drift of a base's place, yaw or speed."""
     if kind == BASE_PLACE:

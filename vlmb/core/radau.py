@@ -43,7 +43,7 @@ from vlmb.core.driver import (
     Y,
 )
 from vlmb.core.first_step import is_finite
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.linear import factor, factor_complex, solve, solve_complex
 from vlmb.core.radau_tables import ERROR as ERROR_WEIGHTS
 from vlmb.core.radau_tables import FROM_STAGES, IM, NODES, POLYNOMIAL, RE, REAL, TO_STAGES
@@ -60,7 +60,7 @@ SLOW = 1e-3  # rate of convergence from which a new Jacobian pays
 DIFFERENCE, SMALL = 2.0**-52, 1e-5
 
 
-@kernel
+@inner
 def next_radau(driver: Driver) -> int:
     """Take an answer and go on: the Jacobian's columns, rounds of three stages, the error, f at the new state."""
     stage = driver.counts[STAGE]
@@ -73,7 +73,7 @@ def next_radau(driver: Driver) -> int:
     return wanted if wanted >= ACCEPTED else _ask(driver, wanted)
 
 
-@kernel
+@inner
 def _take(driver: Driver, stage: int) -> int:
     """Take an answer; return the stage wanted next, or a code."""
     if stage < 0:
@@ -123,13 +123,13 @@ def _ask(driver: Driver, stage: int) -> int:
     return EVALUATE
 
 
-@kernel
+@inner
 def _increment(y: float) -> float:
     """Difference in a state: the square root of rounding for states of about 1."""
     return math.sqrt(DIFFERENCE * max(SMALL, abs(y)))
 
 
-@kernel
+@inner
 def _take_column(driver: Driver) -> int:
     """Row MATRICES + j is the derivative of f by state j."""
     rows, column = driver.rows, driver.counts[ITERATION]
@@ -169,7 +169,7 @@ def _factor(driver: Driver) -> None:
     driver.real[FACTORED_H] = h
 
 
-@kernel
+@inner
 def _prepare_rounds(driver: Driver) -> None:
     """Factor what is not factored; guess the stages by the cubic of the step before."""
     count, real, rows = driver.counts, driver.real, driver.rows
@@ -188,7 +188,7 @@ def _prepare_rounds(driver: Driver) -> None:
     real[RATE_OF_CHANGE] = 0.0
 
 
-@kernel
+@inner
 def _transform(rows: Array, source: int, target: int, matrix: Array) -> None:
     """Three rows from three rows."""
     for i in range(3):
@@ -197,7 +197,7 @@ def _transform(rows: Array, source: int, target: int, matrix: Array) -> None:
             rows[target + i, j] = a * rows[source, j] + b * rows[source + 1, j] + c * rows[source + 2, j]
 
 
-@kernel
+@inner
 def _iterate(driver: Driver) -> int:
     """One Newton step on all stages; go on, finish, or give up by how fast the changes get smaller."""
     count, real = driver.counts, driver.real
@@ -216,7 +216,7 @@ def _iterate(driver: Driver) -> int:
     return 0 if left > 0 else _give_up(driver)
 
 
-@kernel
+@inner
 def _newton_step(driver: Driver) -> float:
     """W += dW with (mu / h - J) dW = T^-1 f - mu W / h, Z = T W; return the norm of dW."""
     rows, real, n = driver.rows, driver.real, driver.point.shape[0]
@@ -239,7 +239,7 @@ def _newton_step(driver: Driver) -> float:
     return math.sqrt(total / (3 * n))
 
 
-@kernel
+@inner
 def _give_up(driver: Driver) -> int:
     """Iterate again with a Jacobian of this place, or with half the step."""
     if driver.counts[JACOBIAN] != FRESH:
@@ -249,7 +249,7 @@ def _give_up(driver: Driver) -> int:
     return REJECTED
 
 
-@kernel
+@inner
 def _converge(driver: Driver) -> int:
     """Take the last stage for the new state; its error is wanted, first with f of the start."""
     rows = driver.rows
@@ -287,7 +287,7 @@ def _judge(driver: Driver, refined: bool) -> int:
     return REJECTED
 
 
-@kernel
+@inner
 def _factor_by_error(driver: Driver) -> float:
     """Factor of the next step by the last two errors (Gustafsson), less where the iterations were many."""
     real, spent = driver.real, driver.counts[ITERATION]
@@ -300,7 +300,7 @@ def _factor_by_error(driver: Driver) -> float:
     return SAFETY * most / (most - 1 + spent) * min(1.0, trend) * real[ERROR] ** -0.25
 
 
-@kernel
+@inner
 def _take_new(driver: Driver) -> int:
     """Keep f at the new state and the cubic; choose the next step, and what of Jacobian and factors is kept."""
     count, real, rows = driver.counts, driver.real, driver.rows
@@ -320,7 +320,7 @@ def _take_new(driver: Driver) -> int:
     return ACCEPTED
 
 
-@kernel
+@inner
 def interpolate_radau(driver: Driver, t: float, y: Array) -> None:
     """y(t) = y0 + x (q0 + x (q1 + x q2)), x = (t - t0) / h."""
     rows = driver.rows

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from vlmb.core import bodies as of
 from vlmb.core.bodies import Bodies, column, drift_at, push, push_at, turned, vector, velocity_at
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import NAN, TAU, atan2, nearest_turn, sqrt, wrapped
 from vlmb.core.tree import Array, Integers
 from vlmb.core.triples import Vector, cross, dot, plus, scaled
@@ -50,13 +50,13 @@ def place_of(bodies: Bodies, readings: Readings, f: int) -> Vector:
     return plus(vector(bodies.state, j, of.AT), 1.0, turned(bodies.state, j, vector(readings.place, f, of.PLACE)))
 
 
-@kernel
+@inner
 def axis_of(bodies: Bodies, readings: Readings, f: int, axis: int) -> Vector:
     """Return an axis of a frame."""
     return turned(bodies.state, readings.frame[f], column(readings.place, f, axis))
 
 
-@kernel
+@inner
 def moving_axis(bodies: Bodies, readings: Readings, f: int, axis: int) -> tuple[Vector, Vector, Vector]:
     """Return an axis of a frame, its rate and drift."""
     state, j = bodies.state, readings.frame[f]
@@ -79,7 +79,7 @@ def centre_of_mass(bodies: Bodies, readings: Readings) -> tuple[Vector, Vector, 
     return place, velocity, drift
 
 
-@kernel
+@inner
 def turning(y: Moving, x: Moving) -> Moving:
     """Return atan2(y, x) with rate and drift."""
     square = x[0] * x[0] + y[0] * y[0]
@@ -90,13 +90,13 @@ def turning(y: Moving, x: Moving) -> Moving:
     return atan2(y[0], x[0]), rate, (x[0] * y[2] - y[0] * x[2] - rate * growth) / square
 
 
-@kernel
+@inner
 def component(parts: tuple[Vector, Vector, Vector], k: int) -> Moving:
     """Return one component of value, rate and drift."""
     return parts[0][k], parts[1][k], parts[2][k]
 
 
-@kernel
+@inner
 def leaning(bodies: Bodies, readings: Readings, k: int) -> bool:
     """Tell whether a link's angles are (phi + pi, pi - psi), which is the same direction: where those are nearer."""
     d = axis_of(bodies, readings, readings.kind[k, FIRST], 0)
@@ -144,7 +144,7 @@ def measure(bodies: Bodies, readings: Readings, k: int, q: Array, v: Array) -> M
     return distance(bodies, readings, first, second)
 
 
-@kernel
+@inner
 def elevation(bodies: Bodies, readings: Readings, k: int) -> Moving:
     """Return psi with sin psi = d_z and its derivatives; beyond the vertical pi - psi. A pitch is -psi."""
     d, u, w = moving_axis(bodies, readings, readings.kind[k, FIRST], 0)
@@ -162,7 +162,7 @@ def elevation(bodies: Bodies, readings: Readings, k: int) -> Moving:
     return nearest_turn(angle, readings.reference[k, 1]), rate, drift
 
 
-@kernel
+@inner
 def distance(bodies: Bodies, readings: Readings, first: int, second: int) -> Moving:
     """Return the distance of two frames, its rate and drift."""
     i, j = readings.frame[first], readings.frame[second]
@@ -177,13 +177,13 @@ def distance(bodies: Bodies, readings: Readings, first: int, second: int) -> Mov
     return length, rate, (dot(r, a) + dot(w, w) - rate * rate) / length
 
 
-@kernel
+@inner
 def unit(k: int) -> Vector:
     """Return a unit vector of the surface frame."""
     return (1.0 if k == 0 else 0.0), (1.0 if k == 1 else 0.0), (1.0 if k == 2 else 0.0)
 
 
-@kernel
+@inner
 def push_axis(bodies: Bodies, readings: Readings, f: int, axis: int, weight: Vector, out: Array) -> None:
     """Add the row of weight . axis of a frame: d' = w x d, so that it is the moment d x weight."""
     moment = cross(axis_of(bodies, readings, f, axis), weight)
@@ -242,7 +242,7 @@ def add_row(bodies: Bodies, readings: Readings, k: int, scale: float, out: Array
 # Rows that hold frames
 
 
-@kernel
+@inner
 def weld(bodies: Bodies, readings: Readings, first: int, second: int, r: int, out: Array, matrix: Array) -> None:
     """Write six rows from r on: place and turn of the first frame less those of the second, surface frame.
 
@@ -269,7 +269,7 @@ def weld(bodies: Bodies, readings: Readings, first: int, second: int, r: int, ou
         push(bodies, j, (0.0, 0.0, 0.0), scaled(-1.0, unit(k)), matrix[r + 3 + k])
 
 
-@kernel
+@inner
 def edge(bodies: Bodies, readings: Readings, f: int, axis: int, r: int, out: Array, matrix: Array) -> None:
     """Write the row of a knife edge: n . velocity of the frame's origin, n an axis of it or the horizontal across its trace."""
     state, j, p = bodies.state, readings.frame[f], place_of(bodies, readings, f)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vlmb.core import tree as of
 from vlmb.core.angles import FINE
 from vlmb.core.contacts import add_friction_apart
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.quantities import Quantities, measure
 from vlmb.core.row_arrays import FIRST, STILL, WORK, RowMemory, Rows, Sizes, Space
@@ -16,7 +16,7 @@ from vlmb.core.tree import Array, Integers, Tree
 LENGTH, COLUMN = range(2)  # columns of `driven`: the link's row, the column of `given` where the length stands
 
 
-@kernel
+@kernel(copied=True)
 def write_apart(
     rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, driven: Integers, tape: Tape, buffers: Buffers,
     quantities: Quantities, tree: Tree, y: Array, given: Array, reference: Array, measured: Array,
@@ -42,7 +42,7 @@ def write_apart(
         )
 
 
-@kernel
+@inner
 def write_still(memory: RowMemory, tree: Tree, y: Array) -> None:
     """Write the state with velocities 0 into memory.state."""
     still, places = memory.state[STILL], tree.shape[of.POSITIONS]
@@ -50,7 +50,7 @@ def write_still(memory: RowMemory, tree: Tree, y: Array) -> None:
         still[j] = y[j] if j < places else 0.0
 
 
-@kernel
+@inner
 def rate_alone(
     quantities: Quantities, which: int, driven: Integers, k: int, tree: Tree, memory: RowMemory, given: Array,
     reference: Array, measured: Array,
@@ -61,7 +61,7 @@ def rate_alone(
     return measured[which, 1] if code == FINE else NAN
 
 
-@kernel
+@inner
 def only(driven: Integers, k: int, given: Array, growing: Array) -> None:
     """Let one driven length grow by 1 m/s and all others rest."""
     for i in range(given.shape[0]):

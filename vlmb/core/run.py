@@ -25,7 +25,7 @@ from vlmb.core.driver import (
     Driver,
 )  # fmt: skip
 from vlmb.core.evaluation import drive, evaluate
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.march import march_here
 from vlmb.core.places import link_direction
 from vlmb.core.plant import (
@@ -140,7 +140,7 @@ def accept(plant: Plant, memory: Memory, y: Array) -> int:
     return note_side(plant.rows, memory.rows) if plant.rows.table.shape[0] > 0 else 0
 
 
-@kernel
+@kernel(copied=True)
 def note_side(rows: Rows, memory: RowMemory) -> int:
     """Note the sign of det G at an accepted step; return 1 where it has changed since the last one, else 0."""
     state = view(sizes_of(rows), memory).state
@@ -149,7 +149,7 @@ def note_side(rows: Rows, memory: RowMemory) -> int:
     return turned
 
 
-@kernel
+@kernel(copied=True)
 def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) -> float:
     """Return the longest step [s] from (t, y): by the bounds in time, and so that no azimuth swings past its branch."""
     longest, k = h_max, first_after(bounds, t)
@@ -166,7 +166,7 @@ def longest_step(plant: Plant, bounds: Array, h_max: float, t: float, y: Array) 
     return longest
 
 
-@kernel
+@kernel(copied=True)
 def note_worth(rows: Rows, memory: RowMemory, t: float) -> float:
     """Note what the ideal rows are worth at an accepted step; return half the time [s] in which one would be worth nothing."""
     sizes = sizes_of(rows)
@@ -193,7 +193,7 @@ def follow_worth(worth: float, before: float, since: float, bound: float) -> tup
     return rate, bound, -0.5 * worth / rate if rate < 0.0 else math.inf
 
 
-@kernel
+@kernel(copied=True)
 def worth_of(rows: Rows, memory: RowMemory) -> tuple[float, float]:
     """Return what the ideal rows are worth beyond the least that is not looked at more closely, and its rate [1/s]."""
     state = view(sizes_of(rows), memory).state
@@ -211,7 +211,7 @@ def meets_pole(d: Vector, u: Vector) -> bool:
     return inwards and off_pole < NEAR_POLE and abs(d[0] * u[1] - d[1] * u[0]) < 2.0 * ON_POLE * flat_speed
 
 
-@kernel
+@inner
 def first_after(bounds: Array, t: float) -> int:
     """Return the first row of bounds that ends after t; they stand in order."""
     low, high = 0, bounds.shape[0]
@@ -224,7 +224,7 @@ def first_after(bounds: Array, t: float) -> int:
     return low
 
 
-@kernel
+@inner
 def passing(line: Array, way: float) -> float:
     """Return the indicator of a line-up: the rate of the cosine; where only one of 0 and pi is watched, on the other's side none.
 
@@ -233,7 +233,7 @@ def passing(line: Array, way: float) -> float:
     return -way if way * line[2] > 0.0 else line[1]
 
 
-@kernel
+@kernel(copied=True)
 def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k: int, out: Array) -> None:
     """Write an indicator of friction under the ski, as the last evaluation has it; one that means nothing now is 1."""
     out[VALUE, k], out[RATE, k] = 1.0, 0.0
@@ -250,7 +250,7 @@ def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k:
         out[VALUE, k] = 1.0 - mu * abs(found[ANSWER])
 
 
-@kernel
+@kernel(copied=True)
 def look_at_contact(plant: Plant, memory: Memory, form: int, c: int, y: Array) -> float:
     """Return an indicator of a closed contact, as the last evaluation has it; the tape has been played for jets there."""
     if form == STOPS:
@@ -262,7 +262,7 @@ def look_at_contact(plant: Plant, memory: Memory, form: int, c: int, y: Array) -
     return push if form == HOLDS else memory.rows.contacts[c, MU_AT_REST] * push - friction
 
 
-@kernel
+@kernel(copied=True)
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 

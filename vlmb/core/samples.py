@@ -18,11 +18,11 @@ from vlmb.core.driver import (
     Y,
 )
 from vlmb.core.fixed import interpolate_cubic
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.radau import interpolate_radau
 
 
-@kernel
+@inner
 def interpolate(driver: Driver, t: float, y: Array) -> None:
     """Write y(t) by the dense output of the step under way."""
     method = driver.counts[METHOD]
@@ -36,14 +36,14 @@ def interpolate(driver: Driver, t: float, y: Array) -> None:
         interpolate_cubic(driver, t, y)
 
 
-@kernel
+@inner
 def sample_inside(driver: Driver, until: float) -> bool:
     """Whether the next sample is within the step and not at its end."""
     k = driver.counts[NEXT_SAMPLE]
     return k < driver.times.shape[0] and driver.times[k] <= until and driver.times[k] < driver.real[T_NEW]
 
 
-@kernel
+@inner
 def write_samples(driver: Driver, until: float) -> None:
     """Write all samples up to a time, by the dense output if it is ready."""
     count, times = driver.counts, driver.times

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from vlmb.core.jit import COMPILED, kernel
+from vlmb.core.jit import COMPILED, inner
 
 NAN, TAU = math.nan, math.tau
 
@@ -46,25 +46,25 @@ if not COMPILED:
     exp, log, sqrt, floor = map(_careful, ("exp", "log", "sqrt", "floor"))
 
 
-@kernel
+@inner
 def quotient(x: float, y: float) -> float:
     """Return x / y; nan where y is 0."""
     return NAN if y == 0.0 else x / y
 
 
-@kernel
+@inner
 def finite(x: float) -> bool:
     """Tell whether a number is neither infinite nor nan."""
     return x - x == 0.0
 
 
-@kernel
+@inner
 def wrapped(angle: float) -> float:
     """Return the angle [rad] of [-pi, pi) that differs by whole turns."""
     return angle - TAU * floor(angle / TAU + 0.5)
 
 
-@kernel
+@inner
 def nearest_turn(angle: float, reference: float) -> float:
     """Return what differs from an angle by whole turns and is nearest to a reference [rad]."""
     return reference + wrapped(angle - reference)

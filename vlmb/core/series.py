@@ -5,7 +5,7 @@ Rows of `series` are pieces: where one begins, then the coefficients of (t - beg
 
 from __future__ import annotations
 
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import NAN
 from vlmb.core.tree import Array
 
@@ -64,7 +64,7 @@ def signal_jet(series: Array, first: int, end: int, order: int, t: float) -> tup
     return series[row, LOWEST] + u * (series[row, LOWEST + 1] + u * (c2 + u * (c3 + u * (c4 + u * c5)))), first_one, second
 
 
-@kernel
+@inner
 def widen_box(series: Array, row: int, order: int, low: float, high: float, box: Array) -> None:
     """Widen `box` (6,) by the derivatives `order` and the next two of a piece for low <= t <= high, by Taylor's sums."""
     radius, middle = 0.5 * (high - low), 0.5 * (low + high) - series[row, KNOT]

@@ -16,7 +16,7 @@ that are not on the ski's axis go with the hinges (base.py). Places are found fr
 from __future__ import annotations
 
 from vlmb.core import scratch as c
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.segments import heading_of, length_below, lower_rate, place_on_parent, upper_motion, yaw_of
 from vlmb.core.tree import ANCHOR, CENTRE, INERTIA, LENGTH, LINKS, MASS, PARENT, PLACE, ROD, TIP_MASS, Array, Tree
 from vlmb.core.vectors import Pair, add_scaled2, dot, put_pair, row_pair
@@ -24,7 +24,7 @@ from vlmb.core.vectors import Pair, add_scaled2, dot, put_pair, row_pair
 LEFT, LEFT_LEFT = 1, 3  # of a vector and of a symmetric matrix
 
 
-@kernel
+@inner
 def add_sideways(tree: Tree, y: Array, given: Array, rows: Array) -> None:
     """Add to what hangs on the base what all links ask for sideways."""
     yaw, n = yaw_of(tree, y), tree.shape[LINKS]

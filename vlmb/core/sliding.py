@@ -9,7 +9,7 @@ goes by the edge force E = E_0 + e F as well, the resultant sqrt(N^2 + E^2) stan
 from __future__ import annotations
 
 from vlmb.core import tree as of
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.quantities import (
     BETWEEN,
     CENTRE_OF_MASS,
@@ -31,14 +31,15 @@ from vlmb.core.triples import Vector, dot, plus
 
 # Of `sliding` of a plant: coefficient, mass [kg] of all, force [N] that answers are tried with, whether the edge force counts.
 MU, MASS, PUSH, CARVES = range(4)
-# Rows of `sliding` of a memory: generalized forces without friction; then what is known of it: the side that the ski slides to, 0
+# Rows of `sliding` of a memory: generalized forces without friction; what is known of it: the side that the ski slides to, 0
 # where it stands and nan where its state shall say it; friction [N], normal force [N], c, the side as it came out, what friction
-# goes by [N].
-SAVED, FOUND = range(2)
+# goes by [N]; then normal force, edge force and acceleration without friction.
+SAVED, FOUND, TRIED = range(3)
+ANSWERS = 3  # that an evaluation takes: without friction, with a force along the ski, with the friction that follows from both
 MODE, FRICTION, NORMAL, ANSWER, SLIDES, PRESS = range(6)
 
 
-@kernel
+@inner
 def lift_of(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> float:
     """Return how much of a force along a quantity lifts the whole mechanism: 0 for those that act from one part on another."""
     kind = quantities.kind[k, KIND]
@@ -58,7 +59,7 @@ def lift_of(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) 
     return side * r[2] / (sqrt(dot(r, r)) if kind == BETWEEN else 1.0)
 
 
-@kernel
+@inner
 def weight_carried(
     quantities: Quantities, k: int, mass: float, tree: Tree, y: Array, given: Array, reference: Array, change: Array, row: Array,
     measured: Array,
@@ -74,7 +75,7 @@ def weight_carried(
     return mass * (rise - tree.base[of.GRAVITY + 2])
 
 
-@kernel
+@inner
 def side_at_rest(hold: float, most: float) -> float:
     """Return 0 where a standing ski is held by a force of at most `most`, else the side that it begins to slide to."""
     if abs(hold) <= most:
@@ -82,14 +83,14 @@ def side_at_rest(hold: float, most: float) -> float:
     return -1.0 if hold > 0.0 else 1.0
 
 
-@kernel
+@inner
 def press_of(at: Vector, answer: Vector, force: float) -> float:
     """Return what friction goes by [N]: the resultant of normal force and edge force, 0 where the normal force is below 0."""
     normal, edge = at[0] + answer[0] * force, at[1] + answer[1] * force
     return sqrt(normal * normal + edge * edge) if normal > 0.0 else 0.0
 
 
-@kernel
+@inner
 def sliding_force(mu: float, side: float, at: Vector, answer: Vector) -> float:
     """Return the friction [N] of a ski that slides to a side; see the top of this file."""
     if at[1] == 0.0 and answer[1] == 0.0:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from vlmb.core import places
 from vlmb.core.angles import plane_angle, push_plane_elevation
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import NAN, atan2, sqrt
 from vlmb.core.tree import Array, Integers, Tree
 from vlmb.core.triples import Vector, cross, dot, plus, scaled
@@ -30,7 +30,7 @@ class AngleSprings(NamedTuple):
     constant: Array  # (count, 3) stiffness [N m], damping [N m s], rest [rad]
 
 
-@kernel
+@inner
 def torque_over_sine(k: float, rest: float, sine: float, cosine: float) -> float:
     """Return -k (theta - rest) / sin theta; nan where the two directions line up and theta is not at rest."""
     off = atan2(sine, cosine) - rest
@@ -62,7 +62,7 @@ def add_springs(springs: AngleSprings, tree: Tree, y: Array, near: Array, out: A
     return 0, lost
 
 
-@kernel
+@inner
 def add_in_plane(springs: AngleSprings, k: int, tree: Tree, y: Array, near: float, out: Array) -> float:
     """Add one on the signed angle; return the power lost [W]."""
     first, second = springs.pair[k, FIRST], springs.pair[k, SECOND]
@@ -73,7 +73,7 @@ def add_in_plane(springs: AngleSprings, k: int, tree: Tree, y: Array, near: floa
     return springs.constant[k, DAMPING] * rate * rate
 
 
-@kernel
+@inner
 def add_in_space(springs: AngleSprings, k: int, tree: Tree, y: Array, out: Array) -> float:
     """Add one on the angle in space; return the power lost [W], nan where it has no axis."""
     first, second = springs.pair[k, FIRST], springs.pair[k, SECOND]
@@ -92,14 +92,14 @@ def add_in_space(springs: AngleSprings, k: int, tree: Tree, y: Array, out: Array
     return lost if ratio == ratio else NAN
 
 
-@kernel
+@inner
 def push_apart(tree: Tree, y: Array, first: int, second: int, a: Vector, b: Vector, ratio: float, out: Array) -> None:
     """Add the forces of a torque on theta, given over sin theta: -b on a and -a on b, each times the ratio."""
     places.push_direction(tree, y, first, a, scaled(-ratio, b), out)
     places.push_direction(tree, y, second, b, scaled(-ratio, a), out)
 
 
-@kernel
+@inner
 def damp_on_base(tree: Tree, y: Array, link: int, d: Vector, u: Vector, damping: float, out: Array) -> float:
     """Add the forces of a damper between a link and the base, the base's reaction included; return the power lost [W]."""
     turning = places.leftwards(d)
@@ -120,7 +120,7 @@ def springs_energy(springs: AngleSprings, tree: Tree, y: Array, near: Array) -> 
     return total
 
 
-@kernel
+@inner
 def spring_angle(springs: AngleSprings, k: int, tree: Tree, y: Array, near: float) -> float:
     """Return theta of one [rad]."""
     first, second = springs.pair[k, FIRST], springs.pair[k, SECOND]
@@ -146,7 +146,7 @@ def line_ups(springs: AngleSprings, tree: Tree, y: Array, out: Array) -> None:
             out[k, 0], out[k, 1], out[k, 2] = 1.0, 0.0, 0.0
 
 
-@kernel
+@inner
 def follow_springs(springs: AngleSprings, tree: Tree, y: Array, near: Array) -> None:
     """Move the references of signed angles to those read now: after a step that is accepted."""
     for k in range(springs.pair.shape[0]):

@@ -33,13 +33,13 @@ from vlmb.core.driver import (
 )
 from vlmb.core.first_step import ask_probe, is_finite, step_from_probe
 from vlmb.core.indicators import leaves_at_start, note_start
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner
 from vlmb.core.samples import write_samples
 
 NO_STEP = 1e-9  # of a fixed step, which is rounding
 
 
-@kernel
+@inner
 def go_on_with_start(driver: Driver) -> int:
     """From `begin` to the first step."""
     count, real = driver.counts, driver.real
@@ -63,7 +63,7 @@ def go_on_with_start(driver: Driver) -> int:
     return DONE
 
 
-@kernel
+@inner
 def _take_first_slope(driver: Driver) -> int:
     """Keep f at the start, write samples there."""
     count, real = driver.counts, driver.real
@@ -85,7 +85,7 @@ def _take_first_slope(driver: Driver) -> int:
     return _choose_first_step(driver)
 
 
-@kernel
+@inner
 def _choose_first_step(driver: Driver) -> int:
     """Take the step asked for, or probe for one; fixed steps divide the way evenly."""
     count, real = driver.counts, driver.real

@@ -12,14 +12,14 @@ step is 1 from 0 on, sign(0) is 0; no derivative has an impulse. Outside a domai
 from __future__ import annotations
 
 from vlmb.core import opcodes as op
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Array, Buffers, Tape
 from vlmb.core.operations import binary_slopes, binary_value, unary_jet, unary_value
 from vlmb.core.scalars import NAN, finite
 from vlmb.core.series import END, FIRST, ORDER, signal_jet
 
 
-@kernel
+@inner
 def selects_first(condition: float) -> bool:
     """Tell which operand op.SELECT takes."""
     return condition < 0.0
@@ -58,7 +58,7 @@ def read_state(tape: Tape, measured: Array, slots: Array) -> None:
             slots[k, 0], slots[k, 1], slots[k, 2] = measured[at, 1], measured[at, 2], 0.0
 
 
-@kernel
+@inner
 def play_values(tape: Tape, buffers: Buffers, begin: int, end: int) -> None:
     """Play the operations begin <= k < end for their values alone; the leaves are filled."""
     slots, leaves = buffers.slots, tape.parts[op.LEAVES]
@@ -96,7 +96,7 @@ def play_jets(tape: Tape, buffers: Buffers, begin: int, end: int) -> None:
             slots[o, 2] = fx * x2 + fz * z2 + fxx * x1 * x1 + 2.0 * fxz * x1 * z1 + fzz * z1 * z1
 
 
-@kernel
+@inner
 def select_jet(slots: Array, slopes: Array, k: int, o: int, a: int, b: int, condition: float) -> None:
     """Copy the jet of the chosen operand; the other one may be nan."""
     first = selects_first(condition)
@@ -181,7 +181,7 @@ def failing_operation(tape: Tape, buffers: Buffers, root: int, order: int) -> in
     return -1 - slot
 
 
-@kernel
+@inner
 def uses(tape: Tape, slots: Array, k: int, column: int) -> bool:
     """Tell whether an operation takes the operand of a column now."""
     code = tape.code[k, op.OPERATION]
@@ -194,7 +194,7 @@ def uses(tape: Tape, slots: Array, k: int, column: int) -> bool:
     return column == op.FIRST or (column == op.SECOND and code < op.UNARY)
 
 
-@kernel
+@inner
 def finite_jet(slots: Array, slot: int, order: int) -> bool:
     """Tell whether a slot's value and derivatives up to `order` are finite."""
     total = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from vlmb.core import opcodes as op
 from vlmb.core.enclosures import enclose
 from vlmb.core.intervals import largest
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Array, Buffers, Tape, make_buffers
 from vlmb.core.tape import play_jets, play_values, read_time
 
@@ -97,7 +97,7 @@ def set_parameters(tape: Tape, buffers: Buffers, parameters: Array) -> None:
             buffers.slots[k, 0], buffers.slots[k, 1], buffers.slots[k, 2] = parameters[tape.leaf[k, 1]], 0.0, 0.0
 
 
-@kernel
+@inner
 def value_at(tape: Tape, buffers: Buffers, slot: int, t: float) -> float:
     """Return the value of a slot at a time."""
     set_time(tape, buffers, t)
@@ -119,7 +119,7 @@ def measure_ranges(tape: Tape, parameters: Array, begin: float, end: float, boxe
                 ranges[slot, 1] = max(ranges[slot, 1], boxes[slot, 1])
 
 
-@kernel
+@inner
 def is_resolved(tape: Tape, boxes: Array, ranges: Array, step: float) -> bool:
     """Tell whether h^2 max|f''| <= the range of f for every slot of time, given functions among them."""
     leaves = tape.parts[op.LEAVES]
@@ -207,7 +207,7 @@ def find_breaks(
     return TOO_MANY
 
 
-@kernel
+@inner
 def bisect(tape: Tape, buffers: Buffers, slot: int, low: float, high: float, first: float, last: float) -> float:
     """Return the first number at which a slot is off the side of its first value; from 0 on, where it begins to move."""
     sign, middle = (1.0 if last > first else -1.0), 0.5 * (low + high)
@@ -221,7 +221,7 @@ def bisect(tape: Tape, buffers: Buffers, slot: int, low: float, high: float, fir
     return high
 
 
-@kernel
+@inner
 def touch(tape: Tape, buffers: Buffers, slot: int, low: float, high: float) -> float:
     """Return where a slot is nearest to 0, by thirds."""
     for _ in range(100):

@@ -20,7 +20,7 @@ from vlmb.model.forms import show
 from vlmb.model.signals import NONE, Signals
 from vlmb.model.tape import CompiledTape, Leaf, compile_tape
 from vlmb.scene.expressions import Equation, Expression, failure, parse
-from vlmb.scene.names import kind_of
+from vlmb.scene.names import PHASE_START, kind_of
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def parse_of_time(text: str | float, parameters: Collection[str], key: str) -> E
     """Read an expression in `t`, parameters, data. Raises ExpressionError, in words of its own where it names the motion."""
     own = {"t", *parameters}
     for name in sorted(parse(text, key).names - own):
-        if "." in name or name == "speed" or kind_of(name) == "a coordinate":
+        if ("." in name and name != PHASE_START) or name == "speed" or kind_of(name) == "a coordinate":
             hint = "the law of a force may name the motion"
             raise failure(key, str(text), f"{name!r} is read of the motion; here stand only t and parameters, and data", hint)
     return parse(text, key, own)

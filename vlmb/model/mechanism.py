@@ -27,6 +27,7 @@ from vlmb.model.names import POINTS, Names, counted
 from vlmb.model.parts import JOINTS, ORIGIN, Body, Joint, Part, Place, Point, make_model
 from vlmb.model.reading import Postures, postures
 from vlmb.model.signals import Signals, signals_of
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import evaluate
 from vlmb.scene.places import on_rod
 from vlmb.scene.scene import Scene, as_scene
@@ -75,7 +76,7 @@ class Mechanism(Remade, Displayed):
     @cached_property
     def names(self) -> Names:
         """Every name that equations, forces, tables and figures of this mechanism may use."""
-        return Names(self.layout)
+        return Names(self.layout, tuple(leg.name for leg in self.scene.legs))
 
     @property
     def signals(self) -> Signals:
@@ -344,8 +345,9 @@ def start_length(scene: Scene, segment: Segment, key: str) -> float:
     if segment.motion != "prescribed":
         return float(segment.length or 0.0)
     signals = signals_of(scene)
-    law = parse_of_time(0.0 if segment.law is None else segment.law, [*scene.parameters, *signals], key)
-    return evaluate(law, {"t": 0.0, **scene.parameters, **signals.at(law.names, 0.0)})
+    numbers = numbers_of(scene)
+    law = parse_of_time(0.0 if segment.law is None else segment.law, [*numbers, *signals], key)
+    return evaluate(law, {"t": 0.0, **numbers, **signals.at(law.names, 0.0)})
 
 
 def _along(distance: float) -> Place:

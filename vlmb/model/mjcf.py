@@ -46,7 +46,8 @@ def left_behind(mechanism: Mechanism) -> list[str]:
     """Return what of a scene MJCF does not say here."""
     scene = mechanism.scene
     entries = (
-        ("constraints", scene.constraints), ("programme", scene.programme), ("forces", scene.forces), ("springs", scene.springs),
+        ("constraints", scene.constraints), ("programme", scene.programme or scene.programmes), ("forces", scene.forces),
+        ("springs", scene.springs),
         ("limits of segments", any(link.segment(k).limits for link in scene.links for k in (1, 2))),
     )  # fmt: skip
     return [f"{what}: not in the MJCF" for what, given in entries if given]

@@ -17,6 +17,7 @@ from typing import TypeVar
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.layout import Coordinate, Layout, segment_of
+from vlmb.scene.legs import FORCE, READABLE
 from vlmb.scene.names import listed
 
 AXES = "xyz"
@@ -37,7 +38,7 @@ Value = TypeVar("Value")
 class Quantity:
     """Something that can be read of a motion. `rate`: its rate is meant; `speed` is one by itself.
 
-    kind: x y z phi0 phi psi xi (coordinates), speed, direction, point, length (of a whole link), com.
+    kind: x y z phi0 phi psi xi (coordinates), speed, direction, point, length (of a whole link), com; leg (`point`: what of it).
     """
 
     name: str
@@ -51,6 +52,8 @@ class Quantity:
     @property
     def unit(self) -> str:
         """Unit, such as rad/s."""
+        if self.kind == "leg" and self.point == FORCE:
+            return "N"
         plain = "rad" if self.kind in ANGLES else "" if self.kind == "direction" else "m"
         if self.kind == "speed":
             return "m/s"
@@ -120,6 +123,7 @@ class Names(Collection[str]):
     """The vocabulary of one mechanism. Iterating gives every name that an equation may use, rates included."""
 
     layout: Layout
+    legs: tuple[str, ...] = ()  # massless ones
 
     def __repr__(self) -> str:
         return f"<Names: {self.shown}; links {listed(tuple(self.links))}>"
@@ -245,6 +249,7 @@ class Names(Collection[str]):
             yield from (f"com.{axis}", f"com.{axis}{DOT}")
         for link in self.layout.links:
             yield from self._of_link(link.name)
+        yield from (f"{leg}.{what}" for leg in self.legs for what in READABLE)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -276,6 +281,8 @@ class Names(Collection[str]):
         owner, _, rest = plain.partition(".")
         if owner == "com" and rest in AXES and rest:
             return Quantity(name, "com", axis=AXES.index(rest), rate=rate)
+        if owner in self.legs and name.partition(".")[2] in READABLE:
+            return Quantity(name, "leg", point=rest, rate=rate)
         i = self.links.get(owner)
         if i is None:
             return None

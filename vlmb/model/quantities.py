@@ -18,6 +18,8 @@ from vlmb.model.names import ANGLES, STORED, GeneralizedForce, Names, PointEnd, 
 from vlmb.model.signals import NONE as NO_SIGNALS
 from vlmb.model.signals import Signals
 from vlmb.model.tape import Leaf, leaf_of
+from vlmb.scene.expressions import Tree
+from vlmb.scene.legs import leg_tree
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -81,12 +83,14 @@ class QuantityTable:
             return self.of(self.names.find(force.coordinate))
         return self.place(self._opening(force.link), force.name)
 
-    def resolve(self, name: str) -> Leaf:
-        """Return what a name of an equation is to the tape."""
+    def resolve(self, name: str) -> Leaf | Tree:
+        """Return what a name of an equation is to the tape; what is read of a leg is an expression."""
         known = leaf_of(name, self.parameters, self.signals, self.lengths)
         if known is not None:
             return known
         quantity = self.names.find(name)
+        if quantity.kind == "leg":
+            return leg_tree(self.arrays.scene, name)
         return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.kind in ANGLES)
 
     def made(self) -> Quantities:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.along import angles_along
+from vlmb.errors import SceneError
 from vlmb.model.coordinates import kinematics
 from vlmb.model.layout import Layout, LinkIndex
 from vlmb.model.names import AXES, POINTS, Quantity
@@ -97,6 +98,8 @@ class Postures:
             return vectors[..., quantity.link, quantity.axis]
         if quantity.kind == "point":
             return self._points[quantity.link, quantity.point][quantity.rate][..., quantity.axis]
+        if quantity.kind == "leg":
+            raise SceneError(f"{quantity.name}: equations and trajectories read this; take the point that the leg is from")
         at = self.layout.place(quantity.kind, quantity.link, quantity.segment)
         return (rates if quantity.rate else values)[..., at]
 

@@ -63,13 +63,13 @@ class CompiledTape:
 
 
 def compile_tape(
-    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf], pieces: Sequence[Array] = ()
+    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf | Tree], pieces: Sequence[Array] = ()
 ) -> CompiledTape:
     """Compile expressions (a root each) and equations (left - right) into one tape with common subexpressions shared.
 
-    `resolve` tells what a name stands for; `pieces` (rows, 7) are given functions of time: SIGNAL 3 k + n is derivative n of
-    the one at k. Raises ExpressionError: too many rows or operations, or a constant part that
-    has no value.
+    `resolve` tells what a name stands for: a leaf, or an expression in its place; `pieces` (rows, 7) are given functions of
+    time: SIGNAL 3 k + n is derivative n of the one at k. Raises ExpressionError: too many rows or operations, or a constant part
+    that has no value.
     """
     if len(roots) > MAX_ROWS:
         raise ExpressionError(f"{len(roots)} equations and laws: at most {MAX_ROWS}; write fewer")
@@ -83,7 +83,7 @@ def _empty() -> CompiledTape:
 
 
 def _compiled(
-    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf], pieces: Sequence[Array] = ()
+    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf | Tree], pieces: Sequence[Array] = ()
 ) -> CompiledTape:
     builder = _Builder(resolve)
     slots = [builder.root(root) for root in roots]
@@ -96,7 +96,7 @@ def _compiled(
 class _Builder:
     """Slots in the order of making: leaves and operations mixed; `_arranged` puts them in the tape's order."""
 
-    def __init__(self, resolve: Callable[[str], Leaf]) -> None:
+    def __init__(self, resolve: Callable[[str], Leaf | Tree]) -> None:
         self.resolve = resolve
         self.leaf: dict[str, int] = {}
         self.leaves: list[tuple[Leaf, int]] = []
@@ -118,9 +118,11 @@ class _Builder:
         except OverflowError:  # pragma: no cover
             raise failure(key, text, "a constant in it is too large", "change its constants") from None
 
-    def name(self, name: str) -> int:
+    def name(self, name: str) -> int | float:
         if name not in self.leaf:
             leaf, slot = self.resolve(name), len(self.form)
+            if not isinstance(leaf, Leaf):
+                return self.build(leaf)
             self.leaf[name] = slot
             self.leaves.append((leaf, slot))
             mine = frozenset({slot})

@@ -15,15 +15,17 @@ from typing import Any
 import msgspec
 
 from vlmb.errors import SceneError, nearest
+from vlmb.scene.by_phase import check_phases
 from vlmb.scene.contacts import check_contact
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
+from vlmb.scene.legs import check_leg
 from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
 from vlmb.scene.robots import Beside, check_robots, frame_owner
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import BASE, SURFACE, Force, Link, SceneTables, Segment, Spring, Table
+from vlmb.scene.tables import BASE, BOUNCE, SURFACE, Force, Link, SceneTables, Segment, Spring, Table
 from vlmb.scene.written import Written, key_of, put, resolve
 
 UNUSABLE = frozenset({"t", "speed", *FUNCTIONS, *CONSTANTS})  # as names of parameters
@@ -41,9 +43,12 @@ def complete(data: Mapping[str, Any]) -> SceneTables:
         data = {**data, "data": take_in(data["data"], Path())}
     tables, texts = _converted(_plain(dict(data), None))
     contacts = tuple(msgspec.structs.replace(contact, name=contact.name or contact.point) for contact in tables.contacts)
-    tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts)
+    legs = tuple(msgspec.structs.replace(leg, name=leg.name or f"leg{k + 1}") for k, leg in enumerate(tables.legs))
+    tables = msgspec.structs.replace(tables, links=_named(tables.links), contacts=contacts, legs=legs)
     robots = [robot.name for robot in tables.robots]
-    check_names(tables.links, rows_of(tables), [entry.name for entry in tables.data], tables.contacts, robots)
+    data_names, events = [entry.name for entry in tables.data], [event.name for event in tables.events]
+    legged = [leg.name for leg in legs]
+    check_names(tables.links, rows_of(tables), data_names, tables.contacts, robots, events, legged)
     _check_tree(tables.links, robots)
     _check(tables, texts)
     return tables
@@ -213,6 +218,9 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
         _check_spring(spring, f"springs[{index}]", refuse)
     for index, contact in enumerate(scene.contacts):
         check_contact(scene, contact, f"contacts[{index}]", refuse)
+    for index, leg in enumerate(scene.legs):
+        check_leg(scene, leg, f"legs[{index}]", refuse)
+    check_phases(scene, refuse)
 
 
 def _check_force(force: Force, key: str, refuse: Any) -> None:
@@ -249,6 +257,10 @@ def _check_segment(segment: Segment, key: str, refuse: Any) -> None:
     low, high = segment.bounds
     if not low < high:
         refuse(f"{key}.limits", f"must be [low, high] with low < high, not {list(segment.limits or ())}")
+    if segment.at_limit == BOUNCE and (segment.motion != "free" or segment.limits is None):
+        refuse(f"{key}.at_limit", "a stop needs motion = 'free' and limits = [low, high] [m]")
+    if segment.restitution and segment.at_limit != BOUNCE:
+        refuse(f"{key}.restitution", f"belongs to at_limit = '{BOUNCE}'; without it the run ends at a limit")
     if segment.motion == "prescribed":
         if segment.law is None:
             refuse(key, "motion = 'prescribed' needs a law, e.g. law = \"0.2 + 0.05*sin(6*t)\"")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from vlmb.scene.expressions import Expression, failure, parse
+from vlmb.scene.names import PHASE_START
 from vlmb.scene.tables import BASE, Contact, SceneTables
 
 AXES = ("x", "y", "z")
@@ -55,4 +56,6 @@ def check_contact(scene: SceneTables, contact: Contact, key: str, refuse: Callab
         refuse(key, "parameters x, y and z cannot be told from the point's place in a surface; rename them")
     surface_of(contact, scene.parameters, key)
     if contact.when:
-        condition_of(contact.when, f"{key}.when")
+        condition = condition_of(contact.when, f"{key}.when")
+        if PHASE_START in condition.expression.names:
+            refuse(f"{key}.when", f"{contact.when!r:.80}: phase_t has no place here; write it with t or with the motion")

@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import Any
 
 from vlmb.errors import ExpressionError, nearest
-from vlmb.scene.names import why_not
+from vlmb.scene.names import PHASE_START, PHASE_TIME, why_not
 
 Tree = tuple[Any, ...]
 
@@ -180,6 +180,8 @@ def _build(root: ast.expr, text: str, key: str, allowed: Collection[str] | None)
             return ("number", CONSTANTS[name])
         if name in FUNCTIONS:
             raise refuse(f"{name} is a function", f"write {name}(...)")
+        if name == PHASE_TIME and (allowed is None or PHASE_START in allowed):
+            return fold("-", [("name", "t"), ("name", PHASE_START)])
         if not re.fullmatch(r"[A-Za-z]\w*(\.[A-Za-z]\w*)*", name) or name.lower() in ("nan", "inf", "infinity"):
             raise refuse(f"{name!r} is no number or name", f"each part of a name begins with a letter; {ALLOWED}")
         if allowed is not None and name not in allowed:

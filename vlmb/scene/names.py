@@ -18,6 +18,7 @@ RESERVED = {
     "speed": "that of the ski's speed", **dict.fromkeys((*SNOW, "friction"), OF_SNOW), "impacts": "that of impacts",
     "t": "that of time", "phase_t": "that of time in a phase",
 }  # fmt: skip
+PHASE_TIME, PHASE_START = "phase_t", "phase.start"  # a name of laws, and the parameter of a phase that it goes by
 SHOWN, WIDTH = 6, 32  # names in a list for people, and characters of each
 COORDINATE = r"(x|y|z|phi\d+|psi\d+|xi\d+_[12])(_dot)?"
 FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_[\w.]+"
@@ -35,14 +36,17 @@ def kind_of(name: str) -> str | None:
 def why_not(name: str) -> str:
     """Say why an expression may not use a name, where it is that of a result; nothing for any other."""
     kind = kind_of(name)
+    if name == PHASE_TIME:
+        return f"{PHASE_TIME} is the time since a phase began, of forces, programmes and lengths in scenes with contacts"
     if kind in (None, "a coordinate"):
         return ""
     return f"{name} is {kind}, a result: laws and equations may not name forces, reactions or energies, which follow from them"
 
 
 def check_names(
-    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (), robots: Sequence[str] = ()
-) -> None:
+    links: Iterable[Link], rows: SceneRows, data: Sequence[str] = (), contacts: Sequence[Contact] = (),
+    robots: Sequence[str] = (), events: Sequence[str] = (), legs: Sequence[str] = (),
+) -> None:  # fmt: skip
     """Refuse names that are reserved, or given twice. Raises SceneError naming both places.
 
     Rows without a name may repeat each other: they are the same equation.
@@ -73,8 +77,18 @@ def check_names(
         if kind and contact.name not in RESERVED:
             raise SceneError(f"{shown}: this name is that of {kind}; choose another")
         take(contact.name, f"contacts[{index}]", shown)
+    for index, name in enumerate(legs):
+        kind = kind_of(name)
+        if kind and name not in RESERVED:
+            raise SceneError(f"legs[{index}].name = {name!r}: this name is that of {kind}; choose another")
+        take(name, f"legs[{index}]", f"legs[{index}].name = {name!r}")
     for index, name in enumerate(robots):
         take(name, f"robots[{index}]", f"robots[{index}].name = {name!r}")
+    for index, name in enumerate(events):
+        shown, kind = f"events[{index}].name = {name!r}", kind_of(name)
+        if kind and name not in RESERVED:
+            raise SceneError(f"{shown}: this name is that of {kind}; choose another")
+        take(name, f"events[{index}]", shown)
     for row in (*rows.ideal, *rows.servo, *rows.secondary):
         if not row.named:
             continue

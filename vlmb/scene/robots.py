@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vlmb.errors import SceneError
-from vlmb.scene.tables import Robot, SceneTables
+from vlmb.scene.tables import BOUNCE, Robot, SceneTables
 
 MAX_URDF = 5_000_000  # characters
 MAX_ROBOTS = 20
@@ -103,5 +103,13 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
     for index, force in enumerate(scene.forces):
         if force.between is not None:
             refuse(f"forces[{index}]", "springs between two directions are not there in scenes with robots; use [[springs]]")
+    if any(link.segment(which).at_limit == BOUNCE for link in scene.links for which in (1, 2)):
+        refuse("links", "at_limit = 'bounce' is there for scenes of links alone")
+    if scene.legs:
+        refuse("legs", "massless legs are there for scenes of links alone; take the robot's own")
+    if scene.programmes:
+        refuse("programmes", "phases are there for scenes of links alone; a scene with robots has one [programme]")
+    if scene.events:
+        refuse("events", "events by name are there for scenes of links alone; read them of the trajectory")
     if scene.run.engine == "core":
         refuse("run.engine", "scenes with robots run on 'pinocchio' ('auto')")

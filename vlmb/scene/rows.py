@@ -46,8 +46,12 @@ def read_row(text: str, key: str) -> Row:
 
 def rows_of(scene: SceneTables) -> SceneRows:
     """Return the rows of a scene, in its order."""
-    programme = scene.programme
-    texts = {"constraints": scene.constraints}
-    texts["programme.constraints"] = programme.constraints if programme else ()
-    texts["programme.secondary"] = programme.secondary if programme else ()
-    return SceneRows(*(tuple(read_row(text, f"{key}[{k}]") for k, text in enumerate(group)) for key, group in texts.items()))
+    own = [("programme", scene.programme)] if scene.programme else []
+    programmes = [*own, *((f"programmes[{k}]", each) for k, each in enumerate(scene.programmes))]
+    servo = [(f"{key}.constraints[{k}]", text) for key, each in programmes for k, text in enumerate(each.constraints)]
+    second = [(f"{key}.secondary[{k}]", text) for key, each in programmes for k, text in enumerate(each.secondary)]
+    ideal = [(f"constraints[{k}]", text) for k, text in enumerate(scene.constraints)]
+    found = [[read_row(text, key) for key, text in group] for group in (ideal, servo, second)]
+    if scene.programmes:  # a row of two phases is one row
+        found[1:] = [list({(row.name, row.equation): row for row in reversed(group)}.values())[::-1] for group in found[1:]]
+    return SceneRows(*map(tuple, found))

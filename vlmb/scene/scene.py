@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from vlmb.errors import SceneError
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.complete import complete
 from vlmb.scene.explain import BASE_HINT, unknown_key
 from vlmb.scene.keys import changed_data
@@ -128,7 +129,8 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         parts = [f"{self.base.kind} base", *([f"links (coordinates) {listed(links)}"] if links else [])]
         for what, entries in (("ideal rows", rows.ideal), ("programme", rows.servo), ("secondary", rows.secondary)):
             parts += [f"{what} {listed([row.name for row in entries])}"] if entries else []
-        parts += [f"controls {listed(self.programme.controls)}"] if self.programme else []
+        controls = tuple(dict.fromkeys(name for _, each in programmes_of(self) for name in each.controls))
+        parts += [f"controls {listed(controls)}"] if controls else []
         parts += [f"robots {listed([robot.name for robot in self.robots])}"] if self.robots else []
         parts += [f"data {listed([entry.name for entry in self.data])}"] if self.data else []
         parts += [f"{len(self.forces)} force{'s' * (len(self.forces) > 1)}"] if self.forces else []

@@ -18,6 +18,7 @@ Place: TypeAlias = str | tuple[float, float, float]  # a point of a link, or a f
 SURFACE = "surface"  # the frame of forces that is no link's
 
 BASE = "base"
+BOUNCE = "bounce"
 FIXED_STEP = ("euler", "rk4", "gauss")
 DEFAULT_STEP = 1e-3  # [s]
 
@@ -82,6 +83,8 @@ class Segment(Table, frozen=True, kw_only=True):
     damping: NonNegative = 0.0  # [N s/m]
     rest: float | None = None  # [m], default: length
     limits: tuple[float, float] | None = None  # [m], default (0, inf)
+    at_limit: Literal["end", "bounce"] = "end"  # what happens there: the run ends, or the length strikes a stop
+    restitution: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0  # of that stop; 0 holds until the force pulls back
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -123,6 +126,8 @@ class Force(Table, frozen=True, kw_only=True):
     stiffness: NonNegative = 0.0  # [N m/rad]
     damping: NonNegative = 0.0  # [N m s/rad]
     rest: float = 0.0  # [rad], angle between the two directions
+    closed: tuple[str, ...] = ()  # contacts: it acts while all of these are closed
+    open: tuple[str, ...] = ()  # and all of these open; default: always
 
 
 class Spring(Table, frozen=True, kw_only=True):
@@ -151,6 +156,35 @@ class Contact(Table, frozen=True, kw_only=True):
     def slips(self) -> bool:
         """Whether friction is finite and more than nothing, so that sliding takes energy."""
         return self.friction not in ("rough", 0.0)
+
+
+class Leg(Table, frozen=True, kw_only=True):
+    """A massless leg: nothing while it swings, a push along foot -> point while it stands on z = 0."""
+
+    from_: str = msgspec.field(name="from")  # legs.tip; "base" is the first hinge of a free base
+    name: Name = ""
+    length: Positive | None = None  # [m] at rest
+    stiffness: NonNegative = 0.0  # [N/m]
+    damping: NonNegative = 0.0  # [N s/m]
+    law: Law | None = None  # [m], of t and parameters, instead of stiffness: its length while it stands
+    attack: Law | None = None  # [rad] elevation of foot -> point while it swings, of t and parameters; default: it never lands
+    heading: Law = 0.0  # [rad] azimuth of the foot from the point while it swings
+    friction: Positive | Literal["rough"] = "rough"  # a force outside the cone: it lets go
+    foot: tuple[float, float] | None = None  # [m] x and y: it stands at the start; default: it swings
+
+    @property
+    def reach(self) -> Law:
+        """What its length [m] is while it swings: that at rest, or the law's."""
+        return self.law if self.law is not None else self.length or 0.0
+
+
+class UserEvent(Table, frozen=True, kw_only=True):
+    """Something to be looked for along a run, by name."""
+
+    name: Name
+    when: str  # an equation: it happens where left - right goes through 0
+    direction: Literal["down", "up", "both"] = "both"  # of left - right
+    end: bool = False  # whether it ends the run
 
 
 class Attach(Table, frozen=True, kw_only=True):
@@ -211,6 +245,8 @@ class Programme(Table, frozen=True, kw_only=True):
     secondary_frequency: Positive | None = None  # [rad/s], default: frequency
     limits: Literal["report", "stop"] | None = None  # of a robot's joints, speeds and efforts; default report
     posture: Posture | None = None  # of a robot; default Posture()
+    closed: tuple[str, ...] = ()  # contacts: it acts while all of these are closed
+    open: tuple[str, ...] = ()  # and all of these open; default: always
 
 
 class Smoothing(Table, frozen=True, kw_only=True):
@@ -277,6 +313,14 @@ class SceneTables(Table, frozen=True, kw_only=True):
     welds: tuple[Weld, ...] = ()
     edges: tuple[Edge, ...] = ()
     programme: Programme | None = None
+    programmes: tuple[Programme, ...] = ()  # instead of `programme`: those that act at an instant are united
     contacts: tuple[Contact, ...] = ()
+    legs: tuple[Leg, ...] = ()
+    events: tuple[UserEvent, ...] = ()
     run: Run = Run()
     expect: dict[str, Any] = {}  # what the shipped models promise; read by the tests alone
+
+    @property
+    def touching(self) -> tuple[str, ...]:
+        """Names of contacts, then of legs."""
+        return (*(contact.name for contact in self.contacts), *(leg.name for leg in self.legs))

@@ -14,8 +14,10 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import fits
 from vlmb.model.names import counted
 from vlmb.scene.scene import Scene
+from vlmb.simulation.breaks import breaks_of
 from vlmb.simulation.loop import Loop
-from vlmb.simulation.simulate import breaks_of, start_of
+from vlmb.simulation.simulate import start_of
+from vlmb.system.beginning import beginning
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.massless import SINGULAR
@@ -91,7 +93,7 @@ def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, 
     require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
     start = start_of(system)
-    breaks_of(system, 0.0, scene.run.duration)
+    breaks_of(beginning(system, 0.0), 0.0, scene.run.duration)
     engine = make_engine(system, start.branch)
     y, times = engine.pack(start.state), np.array([0.0, scene.run.duration])
     engine.evaluate(0.0, y)

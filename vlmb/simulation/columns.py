@@ -51,9 +51,9 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
     """Yield time, coordinates, rates, energies, measured data, controls, reactions and residuals, in this order.
 
     Residuals are `residual:NAME` of a row's equation and `residual_dot:NAME` of its rate; they and the multipliers of rows have
-    the unit that the equation gives them, which is not known. Forces of contacts are `contact:NAME.x`. `points`
-    adds the points of all links
-    and the centre of mass, `hinges` the force and torque in each hinge (`hinge_force:legs.x`).
+    the unit that the equation gives them, which is not known. Forces of contacts are `contact:NAME.x`, of legs `leg:NAME.x`.
+    `points` adds the points of all links and the centre of mass, `hinges` the force and torque in each hinge
+    (`hinge_force:legs.x`).
     """
     names = run.mechanism.names
     yield Column("t", "s", run.t)
@@ -66,12 +66,13 @@ def columns(run: Recorded, points: bool = False, hinges: bool = False) -> Iterat
         yield Column(name, signals.unit(name), run[name])
     for name, values in run.controls.items():
         yield Column(name, force_unit(name), values)
+    legs = {leg.name for leg in run.mechanism.scene.legs}
     for name, values in run.reactions.items():
-        if values.ndim == 2:  # of a contact
+        if values.ndim == 2:  # of a contact, or a leg
             for axis, part in zip(AXES, values.T, strict=True):
-                yield Column(f"contact:{name}.{axis}", "N", part)
+                yield Column(f"{'leg' if name in legs else 'contact'}:{name}.{axis}", "N", part)
             continue
-        yield Column(name, SNOW.get(name, "N" if name == "friction" else ""), values)
+        yield Column(name, SNOW.get(name, "N" if name == "friction" or name.endswith((".min", ".max")) else ""), values)
     for name, residual in run.residuals.items():
         if residual.position is not None:
             yield Column(f"residual:{name}", "", residual.position)

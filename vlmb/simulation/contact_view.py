@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.scene.by_phase import acting
 from vlmb.scene.contacts import condition_of
 from vlmb.scene.expressions import evaluate
 from vlmb.simulation.motion import Motion
-from vlmb.system.contacts import CLOSED, ContactLook, ContactPoint, Footing, row_vectors
+from vlmb.system.beginning import goes_by_phase_time
+from vlmb.system.contacts import CLOSED, STANDING, ContactLook, ContactPoint, Footing
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView
+from vlmb.system.legs import LegPoint
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.probe import Answers, Probe
+from vlmb.system.programme import total_mass
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -23,20 +27,37 @@ Engine = CoreEngine | PinocchioEngine
 
 
 class PhaseSystems:
-    """The systems of the phases of one run: each set of closed contacts is compiled once."""
+    """The systems of the phases of one run: each set of closed contacts is compiled once, unless laws go by `phase_t`."""
 
     def __init__(self, system: System, engine: str) -> None:
-        self.system, self.engine = system, engine
+        self.system, self.scene = system, system.mechanism.scene
+        self.timed = goes_by_phase_time(system)
+        self.kept = engine == "core" and not self.timed
+        self.swinging = any("phase_t" in str(leg.attack) for leg in self.scene.legs)  # gaps that go by when a leg let go
         self.made: dict[tuple[str, ...], System] = {}
+        self.probes: dict[object, Probe] = {}
 
-    def of(self, footings: Sequence[Footing]) -> System:
-        """Return the system of a phase."""
-        if self.engine != "core":
-            return self.system.phase(footings)
+    def of(self, footings: Sequence[Footing], began: float) -> System:
+        """Return the system of a phase that began at a time [s]."""
+        if not self.kept:
+            return self.system.phase(footings, began=began)
         states = tuple(at.state for at in footings)
         if states not in self.made:
             self.made[states] = self.system.phase(footings)
         return self.made[states].placed(footings)
+
+    def probe(self, bare: bool, began: float, closed: Collection[str], footings: Sequence[Footing]) -> Probe:
+        """Return what answers for contacts, under what acts while some are closed, and under the springs of legs that stand."""
+        pushing = () if bare else tuple(k for k, at in enumerate(footings) if at.state == STANDING)
+        key = bare, None if bare else acting(self.scene, closed), began if self.timed else None, pushing
+        moved = bool(pushing) or self.swinging
+        if key not in self.probes or (moved and not self.kept):
+            if self.timed:
+                self.probes.clear()
+            self.probes[key] = Probe(self.system, self.system.engine, bare, began, footings, closed)
+        elif moved:
+            self.probes[key].place(footings)
+        return self.probes[key]
 
 
 class ContactView:
@@ -48,37 +69,51 @@ class ContactView:
         self.system, self.points, self.control = system, system.points, control
         self.t, self.y, self.branch = start, np.array(y), list(branch)
         self.systems = PhaseSystems(system, system.engine)
-        self.impulses, self.forces = Probe(system, system.engine, bare=True), Probe(system, system.engine, bare=False)
+        self.standing: tuple[Footing, ...] = tuple(Footing(since=start) for _ in self.points)  # while they are looked at
+        self.weight = total_mass(system.mechanism) * (system.mechanism.scene.gravity or 1.0) or 1.0
         self.works, self.plane = len(system.work_names), system.mechanism.scene.plane
         self.conditions = [
             condition_of(p.contact.when, f"contacts[{p.index}].when") if p.contact.when else None for p in self.points
         ]
-        self.known: dict[tuple[bool, float, bytes], Answers] = {}  # the last ones
+        self.known: dict[tuple[int, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones
+        self.began = start  # of the phase under way
         self.mover: Engine | None = None  # of the phase under way
 
     def _mover(self, footings: Sequence[Footing]) -> Engine:
-        return make_engine(self.systems.of(footings), self.branch, self.control)
+        return make_engine(self.systems.of(footings, self.began), self.branch, self.control)
 
-    def _probe(self, probe: Probe, y: Array) -> Answers:
-        key = probe.bare, self.t, y.tobytes()
+    def _without_forces(self, y: Array) -> Answers:
+        """Answer for all contacts without forces and a programme: for impulses."""
+        return self._answer(self.systems.probe(True, self.t, (), self.standing), y)
+
+    def _under_forces(self, y: Array, closed: Collection[str]) -> Answers:
+        """Answer for all contacts under what acts while some are closed, as a phase that begins now."""
+        return self._answer(self.systems.probe(False, self.t, closed, self.standing), y)
+
+    def _answer(self, probe: Probe, y: Array) -> Answers:
+        key = id(probe), self.t, y.tobytes(), self.standing
         if key not in self.known:
             given: Sequence[float] = ()
             if probe.given:
                 mover = self.mover or self._mover([Footing()] * len(self.points))
                 given = mover.inputs_at(self.t, y)
             self.known = dict([*self.known.items()][-3:])
-            self.known[key] = probe.at(self.t, y, self._branch_at(y), self.works, given)
+            found = probe.at(self.t, y, self._branch_at(y), self.works, given)
+            for point, footing in zip(self.points, self.standing, strict=True):
+                if isinstance(point, LegPoint) and point.closed(footing):
+                    found.jets[point.index, 3] = point.gap_jet(self.t, found.jets[point.index], footing)
+            self.known[key] = found
         return self.known[key]
 
     def _branch_at(self, y: Array) -> list[float]:
         """Return the coordinates of a state, near those of the last sample."""
-        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]))
+        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]), self.began)
         return list(map(float, motion.coordinates[0][0]))
 
     def _frame(self, k: int) -> Array:
         """Return the rows across the surface and its normal, (3, 3) or (2, 3) in the plane, where a contact is."""
-        place = self._probe(self.impulses, self.y).jets[k, :3, 0]
-        frame, _ = self.points[k].frame(self.t, place, self.plane)
+        place = self._without_forces(self.y).jets[k, :3, 0]
+        frame, _ = self.points[k].frame(self.t, place, self.plane, self.standing[k])
         return frame[[0, 2]] if self.plane else frame
 
     def _gap(self, point: ContactPoint, jet: Array) -> float:
@@ -86,7 +121,7 @@ class ContactView:
         return float(jet[3, 0]) / self._size(point, jet)
 
     def _size(self, point: ContactPoint, jet: Array) -> float:
-        return point.frame(self.t, jet[:3, 0], self.plane)[1]
+        return point.frame(self.t, jet[:3, 0], self.plane, self.standing[point.index])[1]
 
     def _local(self, jet: Array, k: int, frame: Array, order: int = 1) -> Array:
         """Return velocity (order 1) or acceleration (2) of a contact over its surface, across it and away from it."""
@@ -102,8 +137,7 @@ class ContactView:
         for point, footing in zip(self.points, footings, strict=True):
             if footing.state in CLOSED:
                 place = look.jets[point.index, :3, 0]
-                slope = point.surface.at(self.t, place)[1]
-                rows = row_vectors(point, footing, slope)
+                rows = point.row_vectors(footing, point.slope(self.t, place, footing))
                 force = look.multipliers[at : at + len(rows)] @ rows
                 at += len(rows)
                 local = self._frame(point.index) @ force
@@ -113,7 +147,7 @@ class ContactView:
         return found
 
     def _view(self, y: Array) -> StateView:
-        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]))
+        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]), self.began)
         return StateView(self.system.mechanism, self.t, motion.postures.sample(0), self.branch)
 
     def _allows(self, point: ContactPoint, y: Array) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ from vlmb.errors import VlmbError
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW
 from vlmb.scene.rows import rows_of
+from vlmb.simulation.leg_histories import energy_of_legs
 from vlmb.simulation.motion import Motion
+from vlmb.simulation.phases import Stretch
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
@@ -137,9 +139,13 @@ def work_by_force(system: System, motion: Motion) -> dict[str, Array]:
     return {name: motion.work[:, k] for k, name in enumerate(system.work_names)}
 
 
-def energies_along(system: System, motion: Motion, work_by_force: Mapping[str, Array]) -> dict[str, Array]:
+def energies_along(
+    system: System, motion: Motion, work_by_force: Mapping[str, Array], stretches: Sequence[Stretch] = ()
+) -> dict[str, Array]:
     """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses."""
     kinetic, potential, spring = motion.energies(system).T
+    if system.mechanism.scene.legs and stretches:
+        spring = spring + energy_of_legs(system.points, stretches, motion.postures)
     total = kinetic + potential + spring
     work, lost = np.zeros(len(total)), np.zeros(len(total))
     for name, done in work_by_force.items():

@@ -114,8 +114,6 @@ def _arrays(
 def _phases(
     path: str | Path, note: Mapping[str, Any], system: Any, count: int
 ) -> tuple[tuple[Stretch, ...], tuple[Event, ...]]:
-    if not system.points:
-        return (), ()
     try:
         return phases_from_data(note, [point.name for point in system.points], count)
     except (KeyError, TypeError, ValueError) as error:

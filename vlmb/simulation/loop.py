@@ -22,6 +22,7 @@ from vlmb.core.driver import (
     NEXT_SAMPLE,
     OVER,
     PHASE,
+    SIDE,
     SLICE,
     SLICE_SIZE,
     STEPS,
@@ -44,13 +45,14 @@ from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passing
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, SWITCH, Event
+from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, SWITCH, TOLD, Event
 
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
+JUMPS = (OPENS, SLIPS)  # forces jump, motions do not
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
@@ -87,6 +89,7 @@ class Loop:
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
         self.hit: Event | None = None  # of a contact, that ended a phase
+        self.happened: list[tuple[float, str, str]] = []  # time, kind and name of what is told
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
@@ -153,6 +156,8 @@ class Loop:
             sentence = self._pass(until)
             if sentence is not None:
                 return sentence
+        if self.t != self.start and self._lets_go():
+            return None
         while True:
             code = self._slice()
             if code == DONE:
@@ -175,6 +180,17 @@ class Loop:
                 if sentence is None:
                     raise error
                 return sentence
+
+    def _lets_go(self) -> bool:
+        """Whether what holds a closed contact has jumped below 0 at a break: no step shows it as a crossing."""
+        watched = [(k, event) for k, event in enumerate(self.engine.events) if event.kind == CONTACT and event.name in JUMPS]
+        values = self.engine.indicators(self.t, self.driver.point)[0] if watched else ()
+        for k, event in watched:
+            if values[k] < -event.slack:
+                self.hit = event
+                self._end_here()
+                return True
+        return False
 
     def _slice(self) -> int:
         """Run for a bounded time, so that interrupts are looked at."""
@@ -219,7 +235,12 @@ class Loop:
         driver.indicators[HIT] = 0.0
         driver.counts[ANSWER] = GO_ON
         for crossing in found:
-            if self._counts(crossing):
+            event = self.engine.events[crossing.indicator]
+            if event.kind == NAMED and crossing.t <= driver.real[TIME_BEFORE] and not driver.indicators[SIDE, crossing.indicator]:
+                continue  # it began on its 0, and has left it
+            if event.kind == NAMED and not event.sentence:
+                self.happened.append((crossing.t, TOLD[NAMED], event.name))
+            elif self._counts(crossing):
                 driver.indicators[HIT, crossing.indicator] = crossing.direction
                 driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
                 return
@@ -250,6 +271,8 @@ class Loop:
     def _after_stop(self, until: float) -> str | None:
         """Return the sentence of an event that ends the run, or a phase; a switch only begins a new step."""
         event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
+        if event.kind in TOLD:
+            self.happened.append((self.t, TOLD[event.kind], event.name))
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):

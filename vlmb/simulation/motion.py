@@ -14,7 +14,9 @@ from vlmb.core.tree import AT_P
 from vlmb.model.arrays import pinocchio_states
 from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures, read_along
+from vlmb.scene.names import PHASE_START
 from vlmb.system.constrained import SIDEWAYS
+from vlmb.system.core_plan import CorePlan
 from vlmb.system.frames import LinkFrames
 from vlmb.system.point_forces import energy_of_springs
 from vlmb.system.springs import spring_energy
@@ -26,14 +28,30 @@ Array = NDArray[np.float64]
 class Motion:
     """Samples t (N,), states (N, size) of an engine; nothing is computed before it is asked for."""
 
-    def __init__(self, system: System, engine: str, t: Array, states: Array, branch: Array) -> None:
+    def __init__(
+        self, system: System, engine: str, t: Array, states: Array, branch: Array, began: float | Array = 0.0
+    ) -> None:
+        """Take samples; `began` (N,) are the times [s] at which their phases began, which given lengths may go by."""
         self.system, self.engine, self.t, self.states, self.branch = system, engine, t, states, branch
+        self.began = np.broadcast_to(began, np.shape(t))
+
+    def _plans(self) -> list[tuple[NDArray[np.bool_], CorePlan]]:
+        """List the core's plans with the samples they are for: one of each phase where lengths go by its time, else one."""
+        if not any(PHASE_START in at.law.expression.names for at in self.system.prescribed):
+            return [(np.ones(len(self.t), bool), self.system.core_plan)]
+        return [(self.began == began, self.system.core_plan.begun(float(began))) for began in np.unique(self.began)]
 
     @cached_property
     def postures(self) -> Postures:
         """Where every point is, and how it moves."""
         if self.engine == "core":
-            return self.system.core_plan.postures(self.t, self.states)
+            plans, plan = self._plans(), self.system.core_plan
+            if len(plans) == 1:
+                return plans[0][1].postures(self.t, self.states)
+            given = np.empty((len(self.t), *plan.arrays.given.shape))
+            for own, phase in plans:
+                given[own] = phase.given_at(make_memory(phase.plant, phase.arrays.given), self.t[own])
+            return plan.arrays.postures(self.states[:, : plan.positions + plan.velocities], given)
         return self.system.mechanism.postures(self.pinocchio)
 
     @cached_property
@@ -62,10 +80,12 @@ class Motion:
     def energies(self, system: System) -> Array:
         """Kinetic energy, gravity's and that of the springs (N, 3) [J]."""
         if self.engine == "core":
-            plan, found = system.core_plan, np.empty((len(self.t), 3))
-            memory = make_memory(plan.plant, plan.arrays.given)
-            memory.near[:] = plan.spring_angles(self.branch[0])
-            energies_along(plan.plant, memory, np.array(self.t), np.array(self.states, order="C"), found)
+            found = np.empty((len(self.t), 3))
+            for own, plan in self._plans():
+                memory, energies = make_memory(plan.plant, plan.arrays.given), np.empty((int(own.sum()), 3))
+                memory.near[:] = plan.spring_angles(self.branch[0])
+                energies_along(plan.plant, memory, np.array(self.t[own]), np.array(self.states[own], order="C"), energies)
+                found[own] = energies
         else:
             found = _by_pinocchio(system, *self.pinocchio)
         if system.mechanism.scene.springs:

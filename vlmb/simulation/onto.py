@@ -23,11 +23,11 @@ from vlmb.core.driver import (
 )  # fmt: skip
 from vlmb.errors import VlmbError
 from vlmb.simulation.engine import Engine
-from vlmb.system.events import FALL, LIMIT, SWITCH
+from vlmb.system.events import FALL, LIMIT, NAMED, SWITCH
 
 Array = NDArray[np.float64]
 
-STEPPED = (LIMIT, FALL, SWITCH)  # kinds of events at which all forces have values
+STEPPED = (LIMIT, FALL, SWITCH, NAMED)  # kinds of events at which all forces have values
 ROUNDS, STEADY = 8, 1e-15  # of the search, and the change of the time, over the step, that ends it
 NEAR = 0.05  # of the step: how far the event may move
 SHORT = 1e-4  # of the step: of a difference quotient, and the least that is stepped

@@ -11,27 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
+from vlmb.scene.by_phase import goes_by_phase
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
+from vlmb.simulation.breaks import breaks_of, require_going_on
 from vlmb.simulation.contact_view import Engine
+from vlmb.simulation.leg_steps import NEAR, LegSteps
 from vlmb.simulation.loop import Loop, Recorded
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phases import Event, Stretch
 from vlmb.simulation.samples import Samples, samples_of
-from vlmb.simulation.settling import Outcome, Settling
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, Footing
+from vlmb.simulation.settling import Outcome
+from vlmb.system.beginning import NEAR_AT_START
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, SLIDING, Footing
+from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.forces import Control
+from vlmb.system.legs import LegPoint
+from vlmb.system.pace import longest_steps
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
-NEAR, NEAR_AT_START = 1e-9, 1e-6  # [m] a gap that counts as none
 MANY, SPAN = 1000, 0.1  # more events within so many seconds end a run
 
 
-class PhasedRun(Settling):
+class PhasedRun(LegSteps):
     """Takes a state through all phases; to its caller it is what a Loop is."""
 
     def __init__(
@@ -47,6 +53,7 @@ class PhasedRun(Settling):
         self.events: list[Event] = []
         self.parts: list[Samples] = []
         self.steps, self.evaluations, self.quiet = 0, 0, False
+        self.now: System | None = None  # of the phase under way
         self.switched: list[tuple[float, str]] = []  # the last events of contacts, told or not
         self.begun: tuple[Engine, Loop, tuple[Footing, ...]] | None = None  # the phase under way
         self.begins = self._at_start()
@@ -72,7 +79,7 @@ class PhasedRun(Settling):
     def _branches(self, part: Samples) -> Array:
         if len(part.branch) > 1 or len(part.t) == 1:
             return part.branch
-        return Motion(self.system, self.system.engine, part.t, part.states, part.branch).coordinates[0]
+        return Motion(self.system, self.system.engine, part.t, part.states, part.branch, self.began).coordinates[0]
 
     def run(self) -> tuple[str, str]:
         """Go to the last sample; return a status and a sentence. What user code raises goes through."""
@@ -88,7 +95,10 @@ class PhasedRun(Settling):
                 rest = np.concatenate([[self.t], rest])
             if not len(rest):
                 return _finished(last)
-            mover = self._mover(out.footings)
+            try:
+                mover = self._next(out.footings, doubled)
+            except VlmbError as error:
+                return "failed", f"failed at t = {self.t:.6g} s: {error}"
             breaks = [at for at in self.breaks if at > self.t]
             loop = Loop(mover, self.options, out.y, rest, breaks, self.t, self.bounds, self.tell, self.longest)
             self.begun, self.mover = (mover, loop, out.footings), mover
@@ -112,6 +122,18 @@ class PhasedRun(Settling):
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
 
+    def _next(self, footings: tuple[Footing, ...], told: bool) -> Engine:
+        """Return the engine of the next phase; it goes on from the last one where nothing was told."""
+        before, began, last = self.now, self.began, float(self.times[-1])
+        self.began = self.t if told else began
+        self.now = self.systems.of(footings, self.began)
+        if before is not None and told and self.systems.timed:
+            require_going_on(before, began, self.now, self.t)
+        if self.t < last and (self.systems.timed or goes_by_phase(self.systems.scene)):
+            self.breaks = breaks_of(self.now, self.t, last)
+            self.bounds = longest_steps(self.now.mechanism.scene, self.t, last)
+        return make_engine(self.now, self.branch, self.control)
+
     def _keep(self, told: bool) -> None:
         """Keep the samples of the phase under way; without `told` its last instant is none unless it was asked for."""
         assert self.begun is not None
@@ -120,6 +142,7 @@ class PhasedRun(Settling):
         recorded = loop.recorded
         self.steps += loop.steps
         self.evaluations += loop.evaluations
+        self.events += [Event(*happened) for happened in loop.happened]
         start = self.stretches[-1].end if self.stretches else loop.start
         if not told and len(recorded.t) and recorded.t[-1] not in self.times:
             recorded = Recorded(recorded.t[:-1], recorded.states[:-1])
@@ -133,9 +156,9 @@ class PhasedRun(Settling):
 
     def _at_start(self) -> Outcome:
         """Find how contacts stand at the start. Raises SceneError for a start under a surface."""
-        found = self._probe(self.impulses, self.y)
+        found = self._without_forces(self.y)
         footings, near = [], []
-        for point, jet in zip(self.points, found.jets, strict=True):
+        for point, jet in zip(self.points[: len(self.points) - len(self.legs)], found.jets, strict=False):
             gap = self._gap(point, jet)
             refused = gap < NEAR_AT_START and not self._allows(point, self.y)
             if gap < -NEAR_AT_START and not refused:
@@ -147,7 +170,10 @@ class PhasedRun(Settling):
             footings.append(Footing(AWAY if refused else OPEN, gap=left))
             if abs(gap) <= NEAR_AT_START and not refused:
                 near.append(point.index)
-        return self._settled(None, tuple(footings), near, set(), {})
+        footings += self._legs_at_start(found.jets)
+        lawful = [point for point in self.legs if footings[point.index].state == SLIDING]
+        held, landing = [leg.index for leg in lawful], [leg.index for leg in lawful if leg.leg.foot is None]
+        return self._settled(None, tuple(footings), [*near, *held], set(), {}, landing)
 
     def _after(self, hit: Watched, mover: Engine, footings: tuple[Footing, ...]) -> Outcome:
         """Return what follows the event of a contact."""
@@ -158,22 +184,31 @@ class PhasedRun(Settling):
             why = "they would never end; a restitution of 0 ends them"
             return Outcome(footings, self.y, None, f"{MANY} events of contacts within {SPAN} s ({names}): {why}")
         if hit.name == REARMS:
-            return Outcome(_with(footings, c, Footing()), self.y)
+            return Outcome(_with(footings, c, footings[c]._replace(state=OPEN)), self.y)
         if hit.name == TOUCHES and not self._allows(self.points[c], self.y):
             return Outcome(_with(footings, c, Footing(AWAY)), self.y)
+        self.standing = footings
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
-        jets = self._probe(self.impulses, self.y).jets
-        near = [c]
+        before, (hit, stand, landing, lost) = footings, self._with_legs(hit, footings)
+        footings = tuple(stand)
+        self._take_lost(lost)
+        jets = self._without_forces(self.y).jets
+        near = [c] if not isinstance(self.points[c], LegPoint) else []
         for point, jet, at in zip(self.points, jets, footings, strict=True):
-            if at.state in CLOSED or (at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR and point.index != c):
+            touches = not isinstance(point, LegPoint) and at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR
+            if at.state in CLOSED or (touches and point.index != c):
                 near.append(point.index)
         opening, leaving = set[int](), dict[int, Array]()
         if hit.name == OPENS:
-            weight = max([self.forces.push, *(abs(force[2]) for force in forces.values())])
+            weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
             opening = {k for k, force in forces.items() if force[2] <= LIGHT * weight} | {c}
-        elif hit.name == SLIPS:
+        elif hit.name == SLIPS and c in forces:
             leaving[c] = forces[c][:2]
-        return self._settled(hit, footings, sorted(set(near)), opening, leaving)
+        near, landing = sorted(set(near)), [k for k in landing if footings[k].state in CLOSED]
+        out = self._settled(hit, footings, near, opening, leaving, landing, before)
+        if not lost or out.event is None:
+            return out
+        return out._replace(event=out.event._replace(lost=out.event.lost + lost))
 
 
 def _finished(last: float) -> tuple[str, str]:

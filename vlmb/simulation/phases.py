@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.system.contacts import CLOSED, SLIDING, ContactPoint, Footing
-from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
+from vlmb.system.contacts import SLIDING, ContactPoint, Footing
+from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOLD, TOUCHES
 
 Array = NDArray[np.float64]
 
-KINDS = (TOUCHES, OPENS, SLIPS, STICKS, BOUNCES)
+KINDS = (TOUCHES, OPENS, SLIPS, STICKS, BOUNCES, *TOLD.values())
 
 
 class Phase(NamedTuple):
@@ -28,11 +28,14 @@ class Phase(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something that happened at a time [s]: `kind` is touch (it stays closed), bounce (it leaves at once), open, slip or stick.
+    """Something that happened at a time [s].
 
+    kind : of a contact touch (it stays closed), bounce (it leaves at once), open, slip or stick; event, one of the scene; limit
+        and fall, which end a run; switch, of a law by the state; line_up, of two directions
     impulses : (3,) [N s] on the mechanism in the surface frame, by contact
     lost : [J] by the impact
     modes : what each contact does from now on: open, held or sliding
+    several : whether other modes were admissible too and moved otherwise; these are the most sticking ones
     """
 
     t: float
@@ -42,6 +45,7 @@ class Event(NamedTuple):
     impulses: Mapping[str, Array] = MappingProxyType({})
     lost: float = 0.0
     modes: Mapping[str, str] = MappingProxyType({})
+    several: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,12 +60,21 @@ class Stretch:
     quiet: bool = False  # it began where nothing is told
 
 
+def begun(stretches: Sequence[Stretch], count: int) -> Array:
+    """Return when the phase of every sample (count,) began [s]; 0 without phases."""
+    found, began = np.zeros(count), 0.0
+    for stretch in stretches:
+        began = began if stretch.quiet else stretch.start
+        found[stretch.first : stretch.last] = began
+    return found
+
+
 def phases_of(points: Sequence[ContactPoint], stretches: Sequence[Stretch]) -> tuple[Phase, ...]:
     """Return the phases that are told: intervals with constant states of contacts."""
     found: list[Phase] = []
     for stretch in stretches:
         states = list(zip(points, stretch.footings, strict=True))
-        closed = tuple(point.name for point, at in states if at.state in CLOSED)
+        closed = tuple(point.name for point, at in states if point.closed(at))
         slipping = tuple(point.name for point, at in states if at.state == SLIDING and point.contact.slips)
         if found and stretch.quiet:
             found[-1] = found[-1]._replace(end=stretch.end)

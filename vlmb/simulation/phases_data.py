@@ -12,27 +12,34 @@ import numpy as np
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import has_controls
 from vlmb.simulation.phases import KINDS, Event, Stretch
-from vlmb.system.contacts import AWAY, HELD, OPEN, SLIDING, Footing
+from vlmb.system.contacts import AWAY, HELD, OPEN, SLIDING, STANDING, Footing
 
-STATES, MODES = (OPEN, AWAY, HELD, SLIDING), (OPEN, HELD, SLIDING)
+STATES, MODES = (OPEN, AWAY, HELD, SLIDING, STANDING), (OPEN, HELD, SLIDING)
 MOST = 1_000_000  # of either
 
 
 def phases_as_data(stretches: Sequence[Stretch], events: Sequence[Event]) -> dict[str, Any]:
-    """Return what a file keeps of phases and events."""
-    return {
-        "phases": [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches],
-        "events": [
-            [e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes)]
+    """Return what a file keeps of phases and events; nothing of a run without any."""
+    found: dict[str, Any] = {}
+    if stretches:
+        found["phases"] = [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches]
+    if stretches or events:
+        found["events"] = [
+            [
+                e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes),
+                e.several,
+            ]
             for e in events
-        ],
-    }
+        ]
+    return found
 
 
 def phases_from_data(data: Mapping[str, Any], names: Sequence[str], count: int) -> tuple[tuple[Stretch, ...], tuple[Event, ...]]:
     """Read phases and events of a run of `count` samples with contacts of these names. Raises ValueError, TypeError, KeyError."""
+    if not names:
+        data = {"phases": [], "events": data.get("events", [])}
     phases, events = data["phases"], data["events"]
-    if not (isinstance(phases, list) and isinstance(events, list) and 0 < len(phases) <= MOST and len(events) <= MOST):
+    if not (isinstance(phases, list) and isinstance(events, list) and bool(names) <= len(phases) <= MOST and len(events) <= MOST):
         raise ValueError("no lists")
     found, at = [], 0
     for start, end, footings, first, last, quiet in phases:
@@ -41,7 +48,7 @@ def phases_from_data(data: Mapping[str, Any], names: Sequence[str], count: int) 
         at = int(last)
         made = tuple(map(_footing, footings))
         found.append(Stretch(_number(start), _number(end), made, int(first), at, bool(quiet)))
-    if at != count:
+    if names and at != count:
         raise ValueError("phases do not cover all samples")
     return tuple(found), tuple(_event(entry, names) for entry in events)
 
@@ -54,14 +61,15 @@ def _footing(entry: Sequence[Any]) -> Footing:
 
 
 def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:
-    t, kind, name, contacts, impulses, lost, modes = entry
+    t, kind, name, contacts, impulses, lost, modes, *several = entry  # older files do not say the last
     known = {name, *contacts, *impulses, *modes}
     if kind not in KINDS or not isinstance(name, str) or has_controls(name) or not known - {name} <= {*names}:
         raise ValueError(f"event {kind!r:.40} of {name!r:.40}")
     if not {*modes.values()} <= {*MODES}:
         raise ValueError("modes of an event")
     pushed = {n: read_only(np.array(_vector(p))) for n, p in impulses.items()}
-    return Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), MappingProxyType(dict(modes)))
+    shown = MappingProxyType(dict(modes))
+    return Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), shown, several == [True])
 
 
 def _vector(values: Sequence[Any]) -> tuple[float, float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from vlmb.scene.names import SNOW
 from vlmb.simulation.named import Residual
 from vlmb.simulation.phases import Stretch
 from vlmb.system.constraints import Constraint
-from vlmb.system.contacts import CLOSED, OPEN, Footing, row_texts
+from vlmb.system.contacts import AWAY, CLOSED, OPEN, Footing
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_system import RobotSystem
 from vlmb.system.slips import force_of
@@ -89,7 +89,7 @@ class Histories:
         places = space.contacts.places_at(space.q, space.v)
         for point, footing in zip(self.system.points, footings, strict=True):
             if footing.state in CLOSED:
-                count = len(row_texts(point, footing.state))
+                count = len(point.row_texts(footing))
                 place, speed = places[point.index, :, 0], places[point.index, :, 1]
                 self.contacts[point.name][i] = force_of(point, footing, t, place, speed, space.multipliers[at : at + count])
                 at += count
@@ -138,3 +138,13 @@ def centre_of_pressure(forces: Sequence[Array], places: Sequence[Array], normals
     with np.errstate(invalid="ignore", divide="ignore"):
         found: Array = np.sum([press[:, None] * place for press, place in zip(presses, places, strict=True)], axis=0)
         return np.where(total[:, None] > 0.0, found / total[:, None], np.nan)
+
+
+def lowest_gaps(system: RobotSystem, stretches: Sequence[Stretch], t: Array, places: Mapping[str, Array]) -> dict[str, float]:
+    """Return the lowest gap [m] of each contact, without the time in which its `when` has refused it; places (N, 3) by name."""
+    found = {}
+    for point in system.points:
+        own = [s for s in stretches if s.footings[point.index].state != AWAY]
+        gaps = [point.gap(float(t[i]), places[point.name][i]) for s in own for i in range(s.first, s.last)]
+        found[point.name] = float(min(gaps, default=np.inf))
+    return found

@@ -7,7 +7,7 @@ that go on are those under whose torques, held as they are, just these modes fol
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.simulation.phased_run import PhasedRun
 from vlmb.simulation.samples import Samples
-from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, ContactPoint, Footing, footing_at
+from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, ContactPoint, Footing
 from vlmb.system.probe import Answers, Probe
 from vlmb.system.robot_engine import RobotEngine, RobotView
 from vlmb.system.robot_system import RobotSystem
@@ -37,7 +37,7 @@ class RobotPhases(PhasedRun):
     ) -> None:  # fmt: skip
         asked: Any = system
         self.torques: Probe | None = None  # contacts under given controls
-        self.given: list[float] = []  # these: from outside, and of the programme
+        self.given: list[float] | None = None  # these: from outside, and of the programme
         super().__init__(asked, run, y, times, breaks, start, bounds, [], control, progress, longest, until)
 
     def _branch_at(self, y: Array) -> list[Any]:
@@ -48,13 +48,14 @@ class RobotPhases(PhasedRun):
         assert isinstance(self.mover, RobotEngine)
         return [self.mover.branch()]
 
-    def _modes(
-        self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array], *rest: Any
-    ) -> tuple[dict[int, str], dict[int, Array], str]:
+    def _modes_under(
+        self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
+        speeds: Mapping[int, Array], leaving: Mapping[int, Array],
+    ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
         """Return the modes that follow under the torques that the programme gives in these modes."""
         system: Any = self.system
         if system.plan is None or not resting:
-            return super()._modes(y, resting, frames, speeds, *rest)
+            return super()._modes_under(closed, y, resting, frames, speeds, leaving)
         states, ways = dict.fromkeys(resting, HELD), dict[int, Array]()
         for k in resting:
             across, point = speeds[k][:-1], self.points[k]
@@ -63,19 +64,13 @@ class RobotPhases(PhasedRun):
                 states[k] = SLIDING
             if states[k] == SLIDING and not point.smooth:
                 ways[k] = frames[k][:-1].T @ across / size
-        if self.torques is None:
-            controls = system.forces[len(system.forces) - len(system.plan.names) :]
-            names = (*system.inputs, *(force.name for force in controls))
-            self.torques = Probe(system.commanded(names), system.engine, bare=False)
-        own, tried, given = self.forces, list[dict[int, str]](), dict(states)
-        others = self._fewer(given)
+        tried, others = list[dict[int, str]](), self._fewer(dict(states))
         try:
             while len(tried) < MOST:
                 tried.append(states)
                 self.given = self._torques(y, states, ways)
-                self.forces = self.torques
-                found = super()._modes(y, resting, frames, speeds, *rest)
-                self.forces = own
+                found = super()._modes_under(closed, y, resting, frames, speeds, leaving)
+                self.given = None
                 if found[0] == states and not found[2]:
                     return found
                 states = found[0]
@@ -86,9 +81,19 @@ class RobotPhases(PhasedRun):
                     states = fewer
                 ways = {k: found[1].get(k, ways.get(k, np.zeros(3))) for k, state in states.items() if state == SLIDING}
         finally:
-            self.forces = own
+            self.given = None
         touching = listed([self.points[k].name for k in resting])
         return {}, {}, f"no modes of the contacts {touching} go on: in each the torques of the programme lead to others"
+
+    def _under_forces(self, y: Array, closed: Collection[str]) -> Answers:
+        if self.given is None:
+            return super()._under_forces(y, closed)
+        if self.torques is None:
+            system: Any = self.system
+            controls = system.forces[len(system.forces) - len(system.plan.names) :]
+            names = (*system.inputs, *(force.name for force in controls))
+            self.torques = Probe(system.commanded(names), system.engine, False, self.t, [Footing()] * len(self.points), closed)
+        return self.torques.at(self.t, y, self._branch_at(y), self.works, self.given)
 
     @staticmethod
     def _fewer(states: Mapping[int, str]) -> Iterator[dict[int, str]]:
@@ -99,20 +104,15 @@ class RobotPhases(PhasedRun):
 
     def _torques(self, y: Array, states: Mapping[int, str], ways: Mapping[int, Array]) -> list[float]:
         """Return forces from outside and of the programme with contacts in given modes."""
-        footings, jets = [Footing()] * len(self.points), self._probe(self.impulses, y).jets
+        footings, jets = [Footing()] * len(self.points), self._without_forces(y).jets
         for k, state in states.items():
             if state in CLOSED:
                 ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
-                footings[k] = footing_at(self.points[k], state, self.t, jets[k, :3, 0], self.plane, (ahead, aside, up))
+                footings[k] = self.points[k].footing_at(state, self.t, jets[k, :3, 0], self.plane, (ahead, aside, up))
         engine: Any = self._mover(footings)
         engine.evaluate(self.t, y)
         found: list[float] = engine.workspace.values[engine.system.laws :].tolist()
         return found
-
-    def _probe(self, probe: Probe, y: Array) -> Answers:
-        if probe is not self.torques:
-            return super()._probe(probe, y)
-        return probe.at(self.t, y, self._branch_at(y), self.works, self.given)
 
     def _view(self, y: Array) -> Any:
         engine = self._mover_of(y)

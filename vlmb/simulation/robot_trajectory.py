@@ -23,9 +23,10 @@ from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
 from vlmb.simulation.phased_run import PhasedRun
-from vlmb.simulation.robot_histories import centre_of_pressure, robot_histories, snow_of, told_rows
+from vlmb.simulation.robot_histories import centre_of_pressure, lowest_gaps, robot_histories, snow_of, told_rows
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory, versions
+from vlmb.system.contacts import Footing
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
 from vlmb.system.robot_start import robot_start
@@ -184,10 +185,16 @@ class RobotTrajectory(Trajectory):
                 raise TrajectoryError(f"no contact {name!r:.80}; {nearest(name, every)}")
         places = [self.position(point.contact.point) for point in known]
         normals = [
-            np.array([point.frame(t, place, False)[0][2] for t, place in zip(self.t.tolist(), every, strict=True)])
+            np.array([point.frame(t, place, False, Footing())[0][2] for t, place in zip(self.t.tolist(), every, strict=True)])
             for point, every in zip(known, places, strict=True)
         ]
         return read_only(centre_of_pressure([self.reactions[point.name] for point in known], places, normals))
+
+    @cached_property
+    def lowest_gaps(self) -> Mapping[str, float]:
+        """The lowest gap [m] of each contact, below 0 inside."""
+        places = {point.name: self.position(point.contact.point) for point in self.system.points}
+        return lowest_gaps(self.system, self.stretches, self.t, places)
 
     def power(self, name: str) -> Array:
         """Power (N,) [W] of a force: the rate of its work."""

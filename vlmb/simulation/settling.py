@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
+from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
 from vlmb.system.cone import Contact, Grip, Refusal, impact, modes
-from vlmb.system.contacts import AWAY, CLOSED, HELD, OPEN, SLIDING, STILL, Footing, footing_at
+from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
 
 Array = NDArray[np.float64]
 
+AGREE = 4  # tries to find what is closed under what acts then
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
 
 
@@ -40,19 +42,25 @@ class Outcome(NamedTuple):
 class Settling(ContactView):
     """Finds what follows."""
 
+    several = False  # whether other modes were admissible at the last event
+
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
-        leaving: Mapping[int, Array],
+        leaving: Mapping[int, Array], landing: Collection[int] = (), before: Sequence[Footing] | None = None,
     ) -> Outcome:  # fmt: skip
         """Return what follows for the contacts that are closed or touch: an impact where one approaches, then their modes.
 
-        opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones
+        opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones; landing: legs with
+        a law, which are closed in `footings`; before: how contacts stood before legs landed or let go
         """
-        y, frames = self.y, {k: self._frame(k) for k in near}
-        found = self._probe(self.impulses, y)
+        self.standing, before = footings, footings if before is None else before
+        y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
+        found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
-        strikes = [k for k in near if footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired)]
+        strikes = [
+            k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
+        ]
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
@@ -60,7 +68,7 @@ class Settling(ContactView):
             if refusal:
                 return Outcome(footings, self.y, None, refusal)
             told = impact_told if strikes else {}
-            found = self._probe(self.impulses, y)
+            found = self._without_forces(y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         resting = [k for k in taking if approach[k][-1] <= STILL and k not in opening]
         states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
@@ -72,21 +80,27 @@ class Settling(ContactView):
             state, place = states.get(k, OPEN), found.jets[k, :3, 0]
             if state == OPEN:
                 gap = float(found.jets[k, 3, 0])
-                after[k] = Footing(gap=min(gap, 0.0)) if at.state in CLOSED or k in strikes or k in taking else at
+                after[k] = point.let_go(self.t, gap, at) if at.state in CLOSED or k in strikes or k in taking else at
             elif state == HELD and at.state == HELD:
                 after[k] = at
             else:
                 ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
-                after[k] = footing_at(point, state, self.t, place, self.plane, (ahead, aside, up))
-        event = self._event(hit, footings, after, strikes, told)
-        return Outcome(tuple(after), y, event, "", self._happened(footings, after, strikes))
+                after[k] = point.footing_at(state, self.t, place, self.plane, (ahead, aside, up), at)
+        event = self._event(hit, before, after, strikes, told)
+        return Outcome(tuple(after), y, event, "", self._happened(hit, before, after, strikes))
 
-    def _happened(self, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]) -> frozenset[str]:
+    def _happened(
+        self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]
+    ) -> frozenset[str]:
         """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
         found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
+        if hit is not None and hit.name == SLIPS and not self.points[hit.which].closed(after[hit.which]):
+            found.add(f"{SLIPS} {self.points[hit.which].name}")  # a leg outside its cone
         for point, one, other in zip(self.points, before, after, strict=True):
-            if one.state in CLOSED and other.state == OPEN:
+            if point.closed(one) and not point.closed(other):
                 found.add(f"{OPENS} {point.name}")
+            elif point.closed(other) and not point.closed(one):
+                found.add(f"{TOUCHES} {point.name}")
             elif (one.state, other.state) in ((HELD, SLIDING), (SLIDING, HELD)):
                 found.add(f"{SLIPS if other.state == SLIDING else STICKS} {point.name}")
         return frozenset(found)
@@ -98,8 +112,7 @@ class Settling(ContactView):
         """Return what is told of an event; nothing at a start without an impact."""
         if hit is None and not strikes:
             return None
-        shown = {OPEN: "open", AWAY: "open", HELD: "held", SLIDING: "sliding"}
-        mode = {point.name: shown[at.state] for point, at in zip(self.points, after, strict=True)}
+        mode = {point.name: point.shown(at) for point, at in zip(self.points, after, strict=True)}
         changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if one.state != other.state]
         first = strikes[0] if hit is None else hit.which
         kind = TOUCHES if strikes else OPENS if hit is None else hit.name
@@ -108,7 +121,7 @@ class Settling(ContactView):
         if kind == STICKS and after[first].state == SLIDING:
             kind = SLIPS  # it turns back at once
         involved = tuple(self.points[k].name for k in dict.fromkeys([first, *strikes, *changed]))
-        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), **told)
+        return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), several=self.several, **told)
 
     def _impact(
         self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
@@ -124,12 +137,16 @@ class Settling(ContactView):
         answer = impact(matrix, v, shaped)
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
+        self.several = self.several or answer.several
         p = turn.T @ answer.p
         lost = float(-0.5 * answer.p @ (answer.v + v))
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
         if lost < -GAIN * scale:
             names = listed([self.points[k].name for k in taking])
-            why = "with friction, different restitutions of contacts that meet at once do not go together; give them the same one"
+            why = (
+                "with friction, restitution may give back more than there was, with one value for all contacts too (Kane's "
+                "paradox); take a smaller restitution, or less friction"
+            )
             return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
         y = np.array(self.y)
         y[len(y) - len(found.moved) :] += found.moved @ p
@@ -139,7 +156,7 @@ class Settling(ContactView):
             if self.points[k].moving:
                 force, jet = p[3 * k : 3 * k + 3], found.jets[k]
                 carried = jet[:3, 1] - frames[k].T @ before[k]
-                y[first + works.index(f"surface {self.points[k].name}")] += float(force @ carried)
+                y[first + works.index(self.points[k].carried)] += float(force @ carried)
         named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
         return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
 
@@ -147,10 +164,29 @@ class Settling(ContactView):
         self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],
         leaving: Mapping[int, Array],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
-        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may."""
+        """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may.
+
+        What acts goes by what is closed, and what is closed by what acts: they are made to agree.
+        """
+        scene, closed = self.systems.scene, frozenset(self.points[k].name for k in resting)
+        for _ in range(AGREE):
+            states, ways, refusal = self._modes_under(closed, y, resting, frames, speeds, leaving)
+            found = frozenset(self.points[k].name for k, state in states.items() if state in CLOSED)
+            if refusal or acting(scene, found) == acting(scene, closed):
+                return states, ways, refusal
+            closed = found
+        names = listed([self.points[k].name for k in resting])
+        why = "what acts while they are closed opens them, and without it they close; let it act in both, or in neither"
+        return {}, {}, f"programmes or forces by phase contradict what they do at the contacts {names}: {why}"
+
+    def _modes_under(
+        self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
+        speeds: Mapping[int, Array], leaving: Mapping[int, Array],
+    ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
+        """Return the same under what acts while some contacts are closed."""
         if not resting:
             return {}, {}, ""
-        found = self._probe(self.forces, y)
+        found = self._under_forces(y, closed)
         turn, rows = self._problem(resting, frames)
         shaped, known = [], {}
         for k, (normal, across) in zip(resting, rows, strict=True):
@@ -171,6 +207,7 @@ class Settling(ContactView):
         answer = modes(turn @ found.matrix @ turn.T, a, shaped)
         if isinstance(answer, Refusal):
             return {}, {}, self._why_not(answer, resting, "motion")
+        self.several = self.several or answer.several
         states, ways = {}, {}
         for at, (k, (_, across)) in enumerate(zip(resting, rows, strict=True)):
             if not answer.closed[at]:
@@ -197,7 +234,7 @@ class Settling(ContactView):
                 f"contact {point.name!r}: its point meets the surface with a speed that laws prescribe, and no impulse can stop "
                 "it; let the law end softly, or leave the length free"
             )
-        found, k = self._probe(self.impulses, self.y), taking[refusal.contact]
+        found, k = self._without_forces(self.y), taking[refusal.contact]
         x = found.jets[k, :3, 0]
         angle = self._angle_to(point)
         told = f" at {angle:.4g} rad" if angle is not None else ""

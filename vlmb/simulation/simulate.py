@@ -24,22 +24,24 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import fits
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
+from vlmb.simulation.breaks import breaks_of
 from vlmb.simulation.end import End, begun_at, jumps
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phased_run import PhasedRun
+from vlmb.simulation.phases import Event
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.simulation.until import read_until
 from vlmb.system import interrupts
+from vlmb.system.beginning import beginning, start_in_phase
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.massless import require_held
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.pinocchio_engine import PinocchioEngine
-from vlmb.system.prescribed import breaks_of_law
-from vlmb.system.start import Start, consistent_start
+from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
 if TYPE_CHECKING:
@@ -90,8 +92,8 @@ def simulate(
     engine : `auto`, `core` (compiled) or `pinocchio`
     max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
         cannot be looked at before, has one look in 1 / run.samples at least
-    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, or an
-        expression that falls through 0, "z_dot" at an apex
+    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, the name
+        of one of the scene's events, or an expression that falls through 0, "z_dot" at an apex
     progress : called with the time reached, sample by sample; its exceptions go through like the control's
     watch : called while the run goes on with the samples since its last call: t (N,), Pinocchio's q (N, nq) and v (N, nv)
 
@@ -114,14 +116,14 @@ def simulate(
         if not isinstance(mechanism, Mechanism):
             from vlmb.simulation.robot_run import simulate_robots
 
-            asked, _ = read_until(mechanism, until)
+            asked, _, _ = read_until(mechanism, until)
             return simulate_robots(mechanism, run, times, control, start, t0, progress, asked)
         return _simulated(mechanism, run, times, control, start, t0, progress, watch, until)
 
 
 def start_of(system: System, t0: float = 0.0) -> Start:
     """Make a consistent start; what has no mass is held there."""
-    start = consistent_start(system, t0)
+    start = start_in_phase(system, t0)
     held = require_held(system, start, t0)
     return start._replace(adjustments=(*start.adjustments, held)) if held else start
 
@@ -145,8 +147,8 @@ def _simulated(
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    asked, expression = read_until(mechanism, until)
-    system = dataclasses.replace(make_system(mechanism, run), until=expression)
+    asked, named, expression = read_until(mechanism, until)
+    system = dataclasses.replace(make_system(mechanism, run), until=expression, ends_at=named)
     return run_system(system, times, control, start, t0, progress, watch, asked)
 
 
@@ -161,7 +163,7 @@ def run_system(
     if control is not None:
         first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
-    breaks = breaks_of(system, t0, t0 + run.duration)
+    breaks = breaks_of(beginning(system, t0), t0, t0 + run.duration)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
         mover = make_engine(system, begin.branch, control)
@@ -220,7 +222,8 @@ def _trajectory(
     message: str, stats: dict[str, Any],
 ) -> Trajectory:  # fmt: skip
     if isinstance(loop, Loop):
-        return Trajectory.from_run(system, mover.name, samples_of(mover, loop.recorded), start, t0, status, message, stats)
+        events, taken = tuple(Event(*happened) for happened in loop.happened), samples_of(mover, loop.recorded)
+        return Trajectory.from_run(system, mover.name, taken, start, t0, status, message, stats, events=events)
     return Trajectory.from_run(
         system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events)
     )
@@ -300,13 +303,3 @@ def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: fl
     if (np.diff(times) <= 0.0).any() or times[0] < t0 or times[-1] > t0 + run.duration + 1e-12 * (abs(t0) + run.duration):
         raise SceneError(f"t_eval: times must ascend within [{t0:g}, {t0 + run.duration:g}] s")
     return times
-
-
-def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
-    """Times in (t0, end) at which a law or a row is not smooth; SceneError where a given length jumps, or leaves its limits."""
-    mechanism = system.mechanism
-    breaks = system.breaks(t0, end)
-    coordinates = {c.name: c for c in mechanism.layout.coordinates}
-    for at in system.prescribed:
-        breaks |= breaks_of_law(at, mechanism.segment(coordinates[at.name]).bounds, t0, end)
-    return tuple(sorted(breaks))

@@ -12,6 +12,7 @@ from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
+from vlmb.system.events import HAPPENS, SLIPS
 
 Array = NDArray[np.float64]
 
@@ -51,6 +52,8 @@ class Told(Protocol):
     def work_by_force(self) -> dict[str, Array]: ...  # noqa: D102
     @property
     def events(self) -> Sequence[Any]: ...  # noqa: D102
+    @property
+    def lowest_gaps(self) -> Mapping[str, float]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def power(self, name: str) -> Array: ...  # noqa: D102
 
@@ -92,6 +95,7 @@ def summarize(trajectory: Told, programme: str) -> str:
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
     lines += [f"  WARNING          {sentence}" for sentence in off_the_ski(trajectory)]
     lines += told_contacts(trajectory)
+    lines += _events(trajectory)
     for name in trajectory.controls:
         values = trajectory.controls[name]
         power = trajectory.power(name)
@@ -106,28 +110,52 @@ def summarize(trajectory: Told, programme: str) -> str:
 def told_contacts(trajectory: Told) -> list[str]:
     """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
     lines, events = [], trajectory.events
-    for contact in trajectory.scene.contacts:
-        own = [event for event in events if contact.name in event.contacts]
+    legs = {leg.name for leg in trajectory.scene.legs}
+    stops = [name for name in trajectory.lowest_gaps if name.endswith((".min", ".max"))]
+    for name in (*trajectory.scene.touching, *stops):
+        own = [event for event in events if name in event.contacts]
         when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
         when += f", ... ({len(own)})" if len(own) > SHOWN else ""
-        force = largest(np.linalg.norm(trajectory.reactions[contact.name], axis=1))
-        impulses = [float(np.linalg.norm(event.impulses[contact.name])) for event in own if contact.name in event.impulses]
+        left = sum(event.kind == SLIPS and event.name == name for event in own) if name in legs else 0
+        when += f"; WARNING: it let go {left} times because its force left its cone" if left else ""
+        pushes = trajectory.reactions[name]
+        force = largest(pushes if pushes.ndim == 1 else np.linalg.norm(pushes, axis=1))
+        impulses = [float(np.linalg.norm(event.impulses[name])) for event in own if name in event.impulses]
+        gap = trajectory.lowest_gaps.get(name)
+        when += "" if gap is None else f"; lowest gap {gap:.2g} m"
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
-        lines.append(f"  contact          {contact.name}: {pushed}; {when}")
+        what = "leg" if name in legs else "stop" if name in stops else "contact"
+        lines.append(f"  {what:<17s}{name}: {pushed}; {when}")
+    times = [f"{event.t:.6g} s" for event in events if event.several]
+    if times:
+        when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
+        lines.append(f"  note             other modes of contacts were admissible, and the most sticking ones taken, at {when}")
     works = trajectory.work_by_force.items()
-    taken = {name: work[-1] for name, work in works if name == "impacts" or name.startswith("friction ")}
-    if trajectory.scene.contacts:
-        lines.append(f"  lost             {', '.join(f'{name} {-work:.4g} J' for name, work in taken.items())}")
+    taken = {what: work[-1] for what, work in works if what == "impacts" or what.startswith("friction ")}
+    if trajectory.scene.touching or stops:
+        lines.append(f"  lost             {', '.join(f'{what} {-work:.4g} J' for what, work in taken.items())}")
+    return lines
+
+
+def _events(trajectory: Told) -> list[str]:
+    """Tell when the events of the scene happened."""
+    lines = []
+    for event in trajectory.scene.events:
+        times = [f"{each.t:.6g} s" for each in trajectory.events if (each.kind, each.name) == (HAPPENS, event.name)]
+        when = ", ".join(times[:SHOWN]) or "never"
+        lines.append(f"  event            {event.name}: {when}" + (f", ... ({len(times)})" if len(times) > SHOWN else ""))
     return lines
 
 
 def _through_the_ground(trajectory: Told) -> list[str]:
     """Say where a free base that starts above z = 0 takes a point below it: nothing stops it there."""
     scene = trajectory.scene
-    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts:
+    if scene.base.kind != "free" or not scene.gravity or not trajectory.run.fall or scene.contacts or scene.legs:
+        return []
+    if not scene.links:
         return []
     heights = {f"{link.name}.{point}": trajectory[f"{link.name}.{point}.z"] for link in scene.links for point in ENDS}
-    above = min(float(values[0]) for values in heights.values())
+    above = min((float(values[0]) for values in heights.values()), default=-1.0)
     below = {name: np.flatnonzero(values < -UNDER) for name, values in heights.items()}
     first = min((int(found[0]), name) for name, found in below.items() if found.size) if any(map(len, below.values())) else None
     if above < -UNDER or max(float(values[0]) for values in heights.values()) <= UNDER or first is None:

@@ -22,6 +22,7 @@ from vlmb.model.frozen import Remade, read_only
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import POINTS, Quantity
 from vlmb.model.reading import Postures
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
@@ -31,10 +32,11 @@ from vlmb.simulation.columns import Column, columns, to_pandas, to_xarray
 from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
+from vlmb.simulation.leg_histories import read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
-from vlmb.simulation.phase_forces import forces_in_phases
-from vlmb.simulation.phases import Event, Phase, Stretch, phases_of
+from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
+from vlmb.simulation.phases import Event, Phase, Stretch, begun, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
@@ -74,7 +76,7 @@ class Trajectory(Remade, Displayed):
     t0: float = 0.0  # [s] of the start
     doubts: tuple[str, ...] = ()  # contradictions in what was recorded, in sentences
     stretches: tuple[Stretch, ...] = ()  # how contacts stood in each phase, and which samples it has
-    events: tuple[Event, ...] = ()  # of contacts, in order
+    events: tuple[Event, ...] = ()  # of contacts and of the scene, in order
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -89,9 +91,9 @@ class Trajectory(Remade, Displayed):
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine, t, states, branch), {}
+        motion, looked = Motion(system, engine, t, states, branch, begun(stretches, len(t))), {}
         try:
-            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion))
+            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches)
             doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
         except Exception as error:  # the samples are there, whatever becomes of what is computed of them
             doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
@@ -109,7 +111,8 @@ class Trajectory(Remade, Displayed):
 
     @cached_property
     def _motion(self) -> Motion:
-        return Motion(self.system, self.engine, self.t, self.states, self.branch)
+        began = begun(self.stretches, len(self.t))
+        return Motion(self.system, self.engine, self.t, self.states, self.branch, began)
 
     @property
     def phases(self) -> tuple[Phase, ...]:
@@ -183,6 +186,9 @@ class Trajectory(Remade, Displayed):
 
     def _along(self, quantity: Quantity) -> Array:
         """Return a quantity of the mechanism at all samples."""
+        if quantity.kind == "leg":
+            forces = self.reactions[quantity.name.partition(".")[0]]
+            return read_leg(quantity, self.system.points, self.stretches, self._postures, self.t, forces)
         return self._postures.read(quantity, *self._coordinates)
 
     def position(self, link: str, point: str = "tip") -> Array:
@@ -207,12 +213,13 @@ class Trajectory(Remade, Displayed):
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
         the ski, where there is any. A multiplier is the force along the gradient of
-        left side - right side. Of a contact it is the force (N, 3) [N] on the mechanism in the surface frame.
+        left side - right side. Of a contact and a leg it is the force (N, 3) [N] on the mechanism in the surface frame,
+        of a stop that along its length.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
         snow += ("friction",) if self.scene.base.friction else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
-        ideal += tuple(contact.name for contact in self.scene.contacts)
+        ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
     def hinge_force(self, link: str) -> Array:
@@ -237,7 +244,7 @@ class Trajectory(Remade, Displayed):
         G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
         programme.
         """
-        return self._evaluations["conditions"] if self.scene.programme else read_only(np.zeros(0))
+        return self._evaluations["conditions"] if programmes_of(self.scene) else read_only(np.zeros(0))
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
@@ -285,8 +292,13 @@ class Trajectory(Remade, Displayed):
         return forces_in_phases(self.system, self.stretches, taken, self._postures, failed)
 
     @cached_property
+    def lowest_gaps(self) -> Mapping[str, float]:
+        """The lowest gap [m] of each contact at any sample, without the time in which its `when` has refused it."""
+        return lowest_gaps(self.system, self.stretches, self.t, self._postures) if self.stretches else {}
+
+    @cached_property
     def _energies(self) -> dict[str, Array]:
-        return energies_along(self.system, self._motion, self.work_by_force)
+        return energies_along(self.system, self._motion, self.work_by_force, self.stretches)
 
     def save(self, path: str | Path) -> Path:
         """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""
@@ -295,8 +307,7 @@ class Trajectory(Remade, Displayed):
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,
             "engine": self.engine, "t0": self.t0, "doubts": self.doubts,
         }  # fmt: skip
-        if self.stretches:
-            note |= phases_as_data(self.stretches, self.events)
+        note |= phases_as_data(self.stretches, self.events)
         return write_arrays(checked_path(path), note, {stored: getattr(self, name) for name, stored in ARRAYS.items()})
 
     def columns(self, points: bool = False, hinges: bool = False) -> Iterator[Column]:
@@ -325,7 +336,7 @@ class Trajectory(Remade, Displayed):
 
     def summary(self) -> str:
         """Return what a user wants to know of the run in a few lines."""
-        if self.scene.programme is None:
+        if not programmes_of(self.scene):
             return summarize(self, "")
         condition = np.fmax.reduce(self.conditions, initial=0.0)
         return summarize(self, f"{self._evaluations['report']}; condition of G up to {condition:.4g}")

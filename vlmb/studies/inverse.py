@@ -92,7 +92,7 @@ def _refuse_rows(scene: Scene) -> None:
             "inverse: the forces of constraints cannot be told from those that are asked for; give a scene without them, "
             "scene.changed(constraints=None)"
         )
-    if scene.programme is not None:
+    if scene.programme is not None or scene.programmes:
         raise SceneError("inverse: a programme makes a motion of its own; give a scene without it, scene.changed(programme=None)")
 
 

@@ -55,7 +55,7 @@ class ConstraintSolver:
         self.prescribed_dofs = list(prescribed_dofs)
         self.slips = slips if slips is not None and slips.sliding else None
         self.ideal = len(scene.constraints)
-        self.servo = len(scene.programme.constraints) if scene.programme else 0
+        self.servo = 0 if plan is None else len(plan.texts)
         given = control_channels(mechanism)
         self.scales = control_scales(mechanism, given)
         info = rows.info if rows else ()

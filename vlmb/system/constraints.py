@@ -22,6 +22,7 @@ from vlmb.model.laws import tape_breaks
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import allowed_names
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import Equation, Expression, Tree, parse_equation
 from vlmb.scene.rows import Row, read_row
 from vlmb.system.frames import LinkFrames
@@ -71,7 +72,7 @@ class ConstraintSet:
         behind: Sequence[Expression] = (),
     ) -> None:
         """Compile (text, key path, ideal) rows, and what else shall be read with them."""
-        names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
+        names = allowed_names(mechanism.names, numbers_of(mechanism.scene), mechanism.signals)
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [parse_equation(row.equation, row.key, names) for row in rows]
         pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]

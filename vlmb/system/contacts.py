@@ -7,7 +7,7 @@ surface. Where a point stands comes in as parameters, so that what is compiled f
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -21,16 +21,21 @@ from vlmb.errors import SceneError
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.model.tape import CompiledTape, Leaf, compile_tape
+from vlmb.scene.by_phase import acts, is_conditional, programme_at
 from vlmb.scene.contacts import surface_of
 from vlmb.scene.expressions import Expression, parse
+from vlmb.scene.legs import parameter, place_names
+from vlmb.scene.names import PHASE_START
 from vlmb.scene.scene import Scene
-from vlmb.scene.tables import BASE, Contact
+from vlmb.scene.tables import BASE, Contact, Force
+from vlmb.system.events import Event
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-OPEN, AWAY, HELD, SLIDING = "open", "away", "held", "sliding"  # AWAY: open, and blind until its gap has been positive
-CLOSED = (HELD, SLIDING)
+# AWAY: open, and blind until its gap has been positive; STANDING: a leg whose spring pushes, which no row holds
+OPEN, AWAY, HELD, SLIDING, STANDING = "open", "away", "held", "sliding", "standing"
+CLOSED = (HELD, SLIDING)  # with rows
 UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
 STILL = 1e-9  # [m/s] a speed that counts as none
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
@@ -57,6 +62,13 @@ class ContactLook(NamedTuple):
     multipliers: Array  # of the scene's own ideal rows, then of those of closed contacts
     ways: Array  # (closed, 3) unit vectors that they slide along
     rates: Array  # y'
+
+
+class Look(NamedTuple):
+    """An expression whose fall through 0 is an event."""
+
+    expression: Expression
+    event: Event
 
 
 class Surface:
@@ -146,16 +158,46 @@ class ContactPoint:
         """Whether its surface moves, and may do work."""
         return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
 
+    @property
+    def lands(self) -> bool:
+        """Whether it may touch."""
+        return True
+
+    @property
+    def carried(self) -> str:
+        """Name of the work state of what its moving surface does."""
+        return f"surface {self.name}"
+
+    def closed(self, footing: Footing) -> bool:
+        """Whether it touches."""
+        return footing.state in CLOSED
+
+    def shown(self, footing: Footing) -> str:
+        """Return how it stands, as events tell it: open, held or sliding."""
+        return footing.state if footing.state in CLOSED else OPEN
+
     def parameter(self, what: str) -> str:
         """Name a number of a phase as its equations do; no scene can have such a name."""
-        return f"phase.{what}{self.index}"
+        return parameter(what, self.index)
 
-    def frame(self, t: float, place: Sequence[float] | Array, plane: bool) -> tuple[Array, float]:
+    def gap(self, t: float, place: Array) -> float:
+        """Return the distance [m] of a place from its surface, below 0 inside."""
+        plain = PLAIN.get(self.contact.surface.strip())
+        if plain is not None:
+            return float(place[plain])
+        value, slope = self.surface.at(t, place)
+        return value / max(float(np.linalg.norm(slope)), 1e-300)
+
+    def slope(self, t: float, place: Array, footing: Footing) -> Array:
+        """Return the gradient (3,) of its surface at a place."""
+        return self.surface.at(t, place)[1]
+
+    def frame(self, t: float, place: Array, plane: bool, footing: Footing) -> tuple[Array, float]:
         """Return unit vectors (3, 3) as rows, two across the surface, then its normal; and the size of its gradient.
 
         In a plane the first is the one in it. Raises SceneError for a surface without a slope there.
         """
-        _, slope = self.surface.at(t, place)
+        slope = self.slope(t, place, footing)
         size = float(np.linalg.norm(slope))
         if not size > 1e-12 or not np.isfinite(size):
             where = ", ".join(f"{value:.4g}" for value in place)
@@ -168,18 +210,80 @@ class ContactPoint:
             first = -first
         return np.array([first, np.cross(normal, first), normal]), size
 
+    def gap_text(self, footing: Footing) -> str:
+        """Return the equation's side that is 0 on the surface, by the mechanism's names."""
+        named = {axis: name or "0" for axis, name in zip(AXES, self.names, strict=True)}
+        return re.sub(r"(?<![\w.])([xyz])(?![\w.(])", lambda found: named[found[1]], self.contact.surface)
+
+    def row_texts(self, footing: Footing) -> tuple[str, ...]:
+        """Return the equations that it adds while it is closed: its surface first, then what holds it across."""
+        if footing.state not in CLOSED:
+            return ()
+        texts = [f"{self.gap_text(footing)} = 0"]
+        if footing.state != HELD:
+            return tuple(texts)
+        velocity, since = self.contact.surface_velocity, self.parameter("t")
+        away = []
+        for axis, (name, speed) in enumerate(zip(self.names, velocity, strict=True)):
+            start = self.parameter(AXES[axis])
+            drift = f" - {speed!r}*(t - {since})" if speed else ""
+            away.append(f"({name} - {start}{drift})" if name else "")
+        plain = PLAIN.get(self.contact.surface.strip())
+        if plain is not None:
+            across = [axis for axis in range(3) if axis != plain and away[axis]]
+            return (*texts, *(f"{away[axis]} = 0" for axis in across))
+        for which in "ab"[: 1 + all(self.names)]:
+            shares = [f"{self.parameter(which + AXES[axis])}*{away[axis]}" for axis in range(3) if away[axis]]
+            texts.append(f"{' + '.join(shares)} = 0")
+        return tuple(texts)
+
+    def looks(self, footing: Footing) -> tuple[Look, ...]:
+        """Return what is looked at after a step beside gaps, and normal forces and friction of rows."""
+        return ()
+
+    def footing_at(
+        self, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO, before: Footing | None = None
+    ) -> Footing:
+        """Return the footing of a contact that closes, or goes on, at a place [m]; `before`: what it was."""
+        frame, _ = self.frame(t, place, plane, before or Footing())
+        plain = PLAIN.get(self.contact.surface.strip())
+        if plain is not None:  # as its rows have them
+            frame[:2] = [np.eye(3)[axis] for axis in range(3) if axis != plain]
+            if plane:
+                frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
+        x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
+        return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
+
+    def let_go(self, t: float, gap: float, before: Footing) -> Footing:
+        """Return the footing of a contact that opens with a gap [m]."""
+        return Footing(gap=min(gap, 0.0))
+
+    def numbers(self, footing: Footing) -> dict[str, float]:
+        """Return the parameters of its equations in a phase."""
+        found = {self.parameter("gap"): footing.gap}
+        if footing.state == HELD:
+            found |= {self.parameter("t"): footing.since}
+            for axis, name in enumerate(AXES):
+                found |= {self.parameter(name): footing.place[axis], self.parameter("a" + name): footing.first[axis]}
+                found[self.parameter("b" + name)] = footing.second[axis]
+        return found
+
+    def row_vectors(self, footing: Footing, slope: Array) -> Array:
+        """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order."""
+        if footing.state != HELD:
+            return slope[None]
+        across = [footing.first, footing.second][: 1 + all(self.names)]
+        return np.vstack([slope, *across])
+
 
 def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
     """Read the contacts of a mechanism. Raises SceneError for points that are none, ExpressionError for surfaces."""
     scene, names, found = mechanism.scene, mechanism.names, []
     for index, contact in enumerate(scene.contacts):
         key = f"contacts[{index}]"
-        if contact.point == BASE:
-            parts = tuple(axis if axis in names else "" for axis in AXES)
-        else:
+        if contact.point != BASE:
             names.point(contact.point, f"{key}.point")
-            parts = tuple(f"{contact.point}.{axis}" for axis in AXES)
-            parts = (parts[0], "", parts[2]) if scene.plane else parts
+        parts = place_names(contact.point, scene.plane)
         surface = surface_of(contact, scene.parameters, key)
         if scene.plane and "y" in surface.names:
             raise SceneError(f"{key}.surface = {contact.surface!r}: names y, which a scene in the plane has not")
@@ -187,86 +291,42 @@ def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
     return tuple(found)
 
 
-def gap_text(point: ContactPoint) -> str:
-    """Return the equation's side that is 0 on the surface, by the mechanism's names."""
-    named = {axis: name or "0" for axis, name in zip(AXES, point.names, strict=True)}
-    return re.sub(r"(?<![\w.])([xyz])(?![\w.(])", lambda found: named[found[1]], point.contact.surface)
+def closed_names(points: Sequence[ContactPoint], footings: Sequence[Footing]) -> frozenset[str]:
+    """Return the names of closed contacts and of legs that stand."""
+    return frozenset(point.name for point, at in zip(points, footings, strict=True) if point.closed(at))
 
 
-def row_texts(point: ContactPoint, state: str) -> tuple[str, ...]:
-    """Return the equations that a closed contact adds: its surface first, then what holds it across."""
-    texts = [f"{gap_text(point)} = 0"]
-    if state != HELD:
-        return tuple(texts)
-    velocity, since = point.contact.surface_velocity, point.parameter("t")
-    away = []
-    for axis, (name, speed) in enumerate(zip(point.names, velocity, strict=True)):
-        start = point.parameter(AXES[axis])
-        drift = f" - {speed!r}*(t - {since})" if speed else ""
-        away.append(f"({name} - {start}{drift})" if name else "")
-    plain = PLAIN.get(point.contact.surface.strip())
-    if plain is not None:
-        across = [axis for axis in range(3) if axis != plain and away[axis]]
-        return (*texts, *(f"{away[axis]} = 0" for axis in across))
-    for which in "ab"[: 1 + all(point.names)]:
-        shares = [f"{point.parameter(which + AXES[axis])}*{away[axis]}" for axis in range(3) if away[axis]]
-        texts.append(f"{' + '.join(shares)} = 0")
-    return tuple(texts)
-
-
-def footing_at(point: ContactPoint, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO) -> Footing:
-    """Return the footing of a contact that closes, or goes on, at a place [m]."""
-    frame, _ = point.frame(t, place, plane)
-    plain = PLAIN.get(point.contact.surface.strip())
-    if plain is not None:  # as its rows have them
-        frame[:2] = [np.eye(3)[axis] for axis in range(3) if axis != plain]
-        if plane:
-            frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
-    x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
-    return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
-
-
-def numbers_of(point: ContactPoint, footing: Footing) -> dict[str, float]:
-    """Return the parameters of a contact's equations in a phase."""
-    found = {point.parameter("gap"): footing.gap}
-    if footing.state == HELD:
-        found |= {point.parameter("t"): footing.since}
-        for axis, name in enumerate(AXES):
-            found |= {point.parameter(name): footing.place[axis], point.parameter("a" + name): footing.first[axis]}
-            found[point.parameter("b" + name)] = footing.second[axis]
-    return found
-
-
-def row_vectors(point: ContactPoint, footing: Footing, slope: Array) -> Array:
-    """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order."""
-    if footing.state != HELD:
-        return slope[None]
-    across = [footing.first, footing.second][: 1 + all(point.names)]
-    return np.vstack([slope, *across])
-
-
-def phase_scene(scene: Scene, points: Sequence[ContactPoint], footings: Sequence[Footing], bare: bool = False) -> Scene:
+def phase_scene(
+    scene: Scene, points: Sequence[ContactPoint], footings: Sequence[Footing], bare: bool = False, began: float = 0.0,
+    closed: Collection[str] | None = None,
+) -> Scene:  # fmt: skip
     """Return the scene of a phase: with the rows of closed contacts; `bare`: without forces and a programme.
 
-    It is not completed again: no user sees it.
+    It is not completed again: no user sees it. began : [s] when `phase_t` was 0; closed : what programmes and forces go by,
+    where the rows of it are not wanted. Raises SceneError where two programmes that act at once do not go together.
     """
+    closed = closed_names(points, footings) if closed is None else closed
     made: Scene = msgspec.Struct.__copy__(scene)  # type: ignore[attr-defined]
-    rows = [text for point, at in zip(points, footings, strict=True) if at.state in CLOSED for text in row_texts(point, at.state)]
-    numbers = {name: value for pair in zip(points, footings, strict=True) for name, value in numbers_of(*pair).items()}
+    rows = [text for point, at in zip(points, footings, strict=True) for text in point.row_texts(at)]
+    numbers = {name: value for point, at in zip(points, footings, strict=True) for name, value in point.numbers(at).items()}
     changes: dict[str, object] = {
-        "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers},
+        "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers, PHASE_START: began},
+        "programme": None if bare else programme_at(scene, closed), "programmes": (),
+        "forces": () if bare else tuple(_always(force) for force in scene.forces if acts(force, closed)),
     }  # fmt: skip
-    if bare:
-        changes |= {"forces": (), "programme": None}
     for name, value in changes.items():
         msgspec.structs.force_setattr(made, name, value)
     return made
 
 
+def _always(force: Force) -> Force:
+    return msgspec.structs.replace(force, closed=(), open=()) if is_conditional(force) else force
+
+
 def work_names_of(points: Sequence[ContactPoint]) -> tuple[str, ...]:
     """Return the names of the work states that contacts bring."""
     found = [f"friction {point.name}" for point in points if point.contact.slips]
-    found += [f"surface {point.name}" for point in points if point.moving]
+    found += [point.carried for point in points if point.moving]
     return (*found, "impacts") if points else ()
 
 
@@ -278,6 +338,7 @@ class PhaseContacts:
     footings: tuple[Footing, ...]
     own: int  # constraints of the scene itself
     works: tuple[str, ...]  # of all work states
+    began: float = 0.0  # [s]
 
     @property
     def closed(self) -> list[tuple[ContactPoint, Footing, int, int]]:
@@ -285,7 +346,7 @@ class PhaseContacts:
         found, at = [], self.own
         for point, footing in zip(self.points, self.footings, strict=True):
             if footing.state in CLOSED:
-                count = len(row_texts(point, footing.state))
+                count = len(point.row_texts(footing))
                 found.append((point, footing, at, count))
                 at += count
         return found
@@ -294,20 +355,25 @@ class PhaseContacts:
     def roots(self) -> list[Expression]:
         """Return place and gap of every contact as expressions, four each, for a tape."""
         found = []
-        for point in self.points:
+        for point, footing in zip(self.points, self.footings, strict=True):
             found += [parse(name or 0.0, "contacts") for name in point.names]
-            found.append(parse(f"{gap_text(point)} - {point.parameter('gap')}", "contacts"))
+            found.append(parse(f"{point.gap_text(footing)} - {point.parameter('gap')}", "contacts"))
         return found
+
+    @property
+    def looks(self) -> list[Look]:
+        """Return what is looked at after a step beside gaps, and normal forces and friction of rows."""
+        return [look for point, footing in zip(self.points, self.footings, strict=True) for look in point.looks(footing)]
 
     def numbers(self) -> dict[str, float]:
         """Return the parameters of their equations."""
-        return {name: value for pair in zip(self.points, self.footings, strict=True) for name, value in numbers_of(*pair).items()}
+        found = {PHASE_START: self.began}
+        for point, footing in zip(self.points, self.footings, strict=True):
+            found |= point.numbers(footing)
+        return found
 
     def work_of(self) -> dict[str, str]:
         """Return the work state of each of these rows, by its text, where it may do work."""
         return {
-            text: f"surface {point.name}"
-            for point, footing, _, _ in self.closed
-            for text in row_texts(point, footing.state)
-            if point.moving
+            text: point.carried for point, footing, _, _ in self.closed for text in point.row_texts(footing) if point.moving
         }

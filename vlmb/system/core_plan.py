@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,14 +21,15 @@ from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
-from vlmb.model.quantities import QuantityTable
+from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
-from vlmb.scene.expressions import Equation, Expression
-from vlmb.scene.names import listed
-from vlmb.scene.tables import Run
+from vlmb.scene.by_phase import numbers_of
+from vlmb.scene.expressions import Equation, Expression, fold, parse_equation
+from vlmb.scene.names import PHASE_START, listed
+from vlmb.scene.tables import BOUNCE, Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STILL, UNDER, PhaseContacts
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STANDING, STILL, UNDER, Look, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
 from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
@@ -39,6 +40,7 @@ from vlmb.system.events import (
     FALLING,
     LIMIT,
     LINE_UP,
+    NAMED,
     OPENS,
     QUIET,
     REARMS,
@@ -56,6 +58,7 @@ from vlmb.system.programme import ProgrammePlan, control_channels, total_mass
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
+WAYS = {"down": FALLING, "up": RISING, "both": BOTH_WAYS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +96,12 @@ class CorePlan:
         parameters = np.array([float(numbers[name]) for name in self.table.parameters])
         rows = self.plant.rows._replace(grip=grip_of(contacts))
         return replace(self, plant=self.plant._replace(parameters=parameters, rows=rows), contacts=contacts)
+
+    def begun(self, t: float) -> CorePlan:
+        """Return this plan for a phase that began at a time [s]."""
+        parameters = np.array(self.plant.parameters)
+        parameters[[at for at, name in enumerate(self.table.parameters) if name == PHASE_START]] = t
+        return replace(self, plant=self.plant._replace(parameters=parameters))
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -152,7 +161,7 @@ def make_core_plan(
     mechanism: Mechanism, run: Run, springs: Sequence[DirectionSpring], prescribed: Sequence[Prescribed],
     inputs: Sequence[str] | None, work_names: Sequence[str], constraints: ConstraintSet | None = None,
     programme: ProgrammePlan | None = None, watching: bool = False, contacts: PhaseContacts | None = None,
-    until: Expression | None = None,
+    until: Expression | None = None, ends_at: str = "",
 ) -> CorePlan:  # fmt: skip
     """Compile what acts on a mechanism for the core.
 
@@ -167,7 +176,8 @@ def make_core_plan(
     """
     sliding = watching or run.knife_edge != "reduction"
     scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
-    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
+    numbers = numbers_of(scene)
+    table = QuantityTable(mechanism.names, arrays, tuple(numbers), mechanism.signals)
     works = {name: at for at, name in enumerate(work_names)}
     roots: list[Expression | Equation] = []
     laws, forces, acting = list[tuple[str, str]](), [], list[GeneralizedForce]()
@@ -196,7 +206,10 @@ def make_core_plan(
     if len(rows.table) and constraints is not None:
         roots += constraints.roots
     seen = len(roots)
-    roots += [] if contacts is None else contacts.roots
+    looks = [] if contacts is None else contacts.looks
+    roots += [] if contacts is None else [*contacts.roots, *(look.expression for look in looks)]
+    named = len(roots)
+    roots += named_events(mechanism)
     roots += [] if until is None else [until]
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
@@ -209,11 +222,18 @@ def make_core_plan(
     tape = compiled.tape
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
-        tape = _watch_contacts(contacts, compiled, seen, light, watch, bounds, events)
+        tape = _watch_contacts(contacts, looks, compiled, seen, light, watch, bounds, events)
+    for k, event in enumerate(scene.events):
+        watch.append((core.SWITCH, len(tape.switch) + k))
+        bounds.append((1.0, 0.0))
+        ends = f"{event.name}: {event.when}" if event.end or event.name == ends_at else ""
+        events.append(Event(NAMED, WAYS[event.direction], event.name, ends))
+    if scene.events:
+        tape = _with_switches(tape, range(named, named + len(scene.events)))
     if until is not None:
         watch.append((core.SWITCH, len(tape.switch)))
         bounds.append((1.0, 0.0))
-        events.append(Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0))
+        events.append(Event(NAMED, FALLING, until.text, f"{until.text} fell through 0"))
         tape = _with_switches(tape, [len(roots) - 1])
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
@@ -221,7 +241,7 @@ def make_core_plan(
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=tape,
-        parameters=np.array([float(scene.parameters[name]) for name in table.parameters]),
+        parameters=np.array([float(numbers[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
         springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
         bound=np.array(bounds, float).reshape(-1, 2), rows=rows, sliding=np.array(friction if centre >= 0 else ()),
@@ -234,32 +254,48 @@ def make_core_plan(
     )  # fmt: skip
 
 
+def named_events(mechanism: Mechanism) -> list[Expression]:
+    """Return the expressions, left - right, of the events of a scene. Raises ExpressionError."""
+    allowed, found = allowed_names(mechanism.names, numbers_of(mechanism.scene), mechanism.signals), list[Expression]()
+    for index, event in enumerate(mechanism.scene.events):
+        equation = parse_equation(event.when, f"events[{index}].when", allowed)
+        tree = fold("-", [equation.left.tree, equation.right.tree])
+        found.append(Expression(equation.text, equation.names, f"events[{index}].when", tree))
+    return found
+
+
 def _watch_contacts(
-    contacts: PhaseContacts, compiled: CompiledTape, seen: int, light: float, watch: list[tuple[int, int]],
-    bounds: list[tuple[float, float]], events: list[Event],
+    contacts: PhaseContacts, looks: Sequence[Look], compiled: CompiledTape, seen: int, light: float,
+    watch: list[tuple[int, int]], bounds: list[tuple[float, float]], events: list[Event],
 ) -> op.Tape:  # fmt: skip
     """Add the indicators of contacts, and return the tape with their gaps among what is looked at after a step."""
     tape, closed = compiled.tape, 0
     first = len(tape.switch)
     for k, (point, footing) in enumerate(zip(contacts.points, contacts.footings, strict=True)):
         if footing.state in CLOSED:
-            looks = [(core.HOLDS, OPENS)]
+            forms = [(core.HOLDS, OPENS)]
             if point.contact.slips:
-                looks.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
-            for form, kind in looks:
+                forms.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
+            for form, kind in forms:
                 watch.append((form, closed))
                 events.append(Event(CONTACT, FALLING, kind, "", k, STILL if kind == STICKS else light))
             closed += 1
-        else:
+        elif footing.state != STANDING and point.lands:
             armed = footing.state == OPEN
             watch.append((core.SWITCH, first + k))
             name = TOUCHES if armed else REARMS
             events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, UNDER if armed else 0.0))
-        bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
-    return _with_switches(tape, [seen + 4 * k + 3 for k in range(len(contacts.points))])
+    gaps = [seen + 4 * k + 3 for k in range(len(contacts.points))]
+    first += len(gaps)
+    for k, look in enumerate(looks):
+        watch.append((core.SWITCH, first + k))
+        events.append(look.event)
+    bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
+    after = seen + 4 * len(gaps)
+    return _with_switches(tape, [*gaps, *range(after, after + len(looks))])
 
 
-def _with_switches(tape: op.Tape, roots: Sequence[int]) -> op.Tape:
+def _with_switches(tape: op.Tape, roots: Iterable[int]) -> op.Tape:
     """Return a tape with more that is looked at after a step: the values of roots."""
     more = [[int(tape.root[root]), -1, op.EDGE, op.OF_STATE] for root in roots]
     return tape._replace(switch=np.vstack([tape.switch.reshape(-1, 4), np.array(more, np.int64)]))
@@ -299,7 +335,7 @@ def _watched(
         events.append(event)
 
     for c in mechanism.layout.coordinates:
-        if c.kind == "xi":
+        if c.kind == "xi" and mechanism.segment(c).at_limit != BOUNCE:
             for bound, side in zip(mechanism.segment(c).bounds, (1.0, -1.0), strict=True):
                 if math.isfinite(bound):
                     place = table.of(mechanism.names.find(c.name))

@@ -68,7 +68,8 @@ def moving_places(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal:
         if entry.kind == "weights":
             found.append((-1, entry.column))
         else:
-            column = positions[entry.column] if entry.kind == "h" else len(info) + entry.column
+            own = [k for k in positions if k >= entry.first]
+            column = own[entry.column] if entry.kind == "h" else len(info) + entry.first + entry.column
             found.append((ideal + entry.row, ideal + column))
     return found
 

@@ -23,3 +23,8 @@ def make_engine(
         made.take_branch(np.array(branch))
         return made
     return PinocchioEngine(system, control, branch)
+
+
+def inputs_of(system: System) -> tuple[str, ...]:
+    """Name the forces from outside."""
+    return tuple(system.forces.inputs or ()) if isinstance(system, System) else system.inputs

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-# kinds of events; QUIET never happens; GRIP: a ski stops, slips; CONTACT: one touches, opens, slips, sticks
-LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP, CONTACT = range(8)
+# kinds of events; QUIET never happens; GRIP: a ski stops, slips; CONTACT: one touches, opens, slips, sticks; NAMED: of the scene
+LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP, CONTACT, NAMED = range(9)
 FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 # names of the events of a contact; REARMS: one that was refused is outside again
 TOUCHES, OPENS, SLIPS, STICKS, REARMS, BOUNCES = "touch", "open", "slip", "stick", "rearm", "bounce"
+LETS_GO, TIPS = "let go", "tip"  # of a leg: its spring no longer pushes, its force leaves the cone of friction
+HAPPENS = "event"  # kind of one of the scene, as it is told
+TOLD = {LIMIT: "limit", FALL: "fall", SWITCH: "switch", LINE_UP: "line_up", NAMED: HAPPENS}
 IN_LINE = 1e-6  # sine of an angle below which two directions line up
 
 

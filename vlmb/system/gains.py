@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SimulationError
+from vlmb.scene.by_phase import keyed
 from vlmb.scene.expressions import Expression, evaluate, parse
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 
@@ -34,8 +35,9 @@ class Entry(NamedTuple):
 
     kind: str  # h, k, weights
     row: int  # -1 of a weight
-    column: int  # of a weight: which control
+    column: int  # of a weight: which control; else counted from the first row of its programme
     law: Expression
+    first: int = 0  # row of its programme, where several are united
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,15 @@ class MovingGains:
 
 def moving_gains(programme: Programme, controls: Sequence[str], allowed: Collection[str], parameters: Numbers) -> MovingGains:
     """Read what of a programme depends on the motion or on time. Raises ExpressionError, SceneError."""
-    entries = list[Entry]()
-    for kind, matrix in (("h", programme.h), ("k", programme.k)):
-        for i, row in enumerate(matrix or ()):
-            for j, text in enumerate(row):
-                law = parse(text, f"programme.{kind}[{i}][{j}]", allowed)
-                if law.names - parameters.keys():
-                    entries.append(Entry(kind, i, j, law))
+    entries, first = list[Entry](), 0
+    for key, part in keyed(programme):
+        for kind, matrix in (("h", part.h), ("k", part.k)):
+            for i, row in enumerate(matrix or ()):
+                for j, text in enumerate(row):
+                    law = parse(text, f"{key}.{kind}[{i}][{j}]", allowed)
+                    if law.names - parameters.keys():
+                        entries.append(Entry(kind, first + i, j, law, first))
+        first += len(part.constraints)
     for name, text in programme.weights.items():
         law = parse(text, f"programme.weights.{name}", allowed)
         if law.names - parameters.keys() and name in controls:

@@ -9,7 +9,9 @@ from vlmb.core import opcodes as op
 from vlmb.core.time_scan import time_scale
 from vlmb.model.signals import require_span, signals_of
 from vlmb.model.tape import Leaf, compile_tape
+from vlmb.scene.by_phase import numbers_of, programmes_of
 from vlmb.scene.expressions import Equation, Expression, Tree, parse, parse_equation
+from vlmb.scene.legs import law_text
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 
@@ -29,7 +31,8 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     roots += [parse(name, "data") for name in sorted(bends)]
     if not roots:
         return np.zeros((0, 3))
-    places = {name: at for at, name in enumerate(scene.parameters)}
+    numbers = numbers_of(scene)
+    places = {name: at for at, name in enumerate(numbers)}
 
     def leaf(name: str) -> Leaf:
         if name in places:
@@ -38,7 +41,7 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
             return Leaf(op.SIGNAL, signals[name])
         return Leaf(op.TIME) if name == "t" else Leaf(op.VALUE)
 
-    parameters = np.array([float(value) for value in scene.parameters.values()])
+    parameters = np.array([float(value) for value in numbers.values()])
     found, until = time_scale(compile_tape(roots, leaf, signals.pieces).tape, parameters, begin, end)
     if until < end:  # too fast from here on to be known
         found = np.vstack([found, [until, end, found[-1, 2]]])
@@ -69,11 +72,12 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
     found += [parse(law, "force") for force in scene.forces for law in force.force or ()]
     lengths = [segment for link in scene.links for segment in (link.lower, link.upper)]
     found += [parse(segment.law, "law") for segment in lengths if segment.law is not None]
-    if scene.programme is not None:
-        programme = scene.programme
+    for _, programme in programmes_of(scene):
         matrices = [matrix or () for matrix in (programme.h, programme.k, programme.border)]
         laws = [law for matrix in matrices for row in matrix for law in row]
         laws += [law for law in (programme.u0, *programme.weights.values()) if law is not None]
         found += [parse(law, "programme") for law in laws]
+    found += [parse(law_text(law, "0"), "legs") for leg in scene.legs for law in (leg.reach, leg.attack) if law is not None]
+    found += [parse_equation(event.when, f"events[{k}].when") for k, event in enumerate(scene.events)]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]

@@ -28,7 +28,7 @@ from vlmb.model.layout import State
 from vlmb.system.answering import march_answered
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import ContactLook, gap_text
+from vlmb.system.contacts import ContactLook
 from vlmb.system.core_reading import CoreReading
 from vlmb.system.events import CONTACT, DEPENDENT, GRIP, LIMIT, OPENS, QUIET, SLIPS, STICKS, Event
 from vlmb.system.forces import Control, known_rows
@@ -210,8 +210,7 @@ class PinocchioEngine:
         work, contacts = self.workspace, self.system.contacts
         assert contacts is not None
         if self.places is None:
-            named = [(*point.names, f"{gap_text(point)} - {point.parameter('gap')}") for point in contacts.points]
-            texts = [(f"{name} = 0", "contacts", True) for group in named for name in group if name]
+            texts = [(f"{root.text} = 0", "contacts", True) for root in contacts.roots if root.names]
             self.places = ConstraintSet(work.mechanism, texts)
         rates = np.array(work.rhs(t, y))
         q, v = work.unpack(t, y)

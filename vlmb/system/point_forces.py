@@ -19,8 +19,11 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES, DOT, LOST, STORED, GeneralizedForce, PointEnd
 from vlmb.model.quantities import SQUARE, allowed_names
 from vlmb.model.reading import Postures
+from vlmb.scene.by_phase import NOTHING as NOTHING_CLOSED
+from vlmb.scene.by_phase import acts, numbers_of
 from vlmb.scene.expressions import Expression, Tree, parse
-from vlmb.scene.tables import SURFACE, Force, Place, Spring
+from vlmb.scene.legs import standing_of, stands
+from vlmb.scene.tables import BASE, SURFACE, Force, Place, Spring
 
 Array = NDArray[np.float64]
 
@@ -34,11 +37,16 @@ class Acting(NamedTuple):
     law: Expression
 
 
-def scene_forces(mechanism: Mechanism) -> list[Acting]:
-    """Return all forces of a scene that have a law, those of springs between points and of drag last. Raises SceneError."""
+def scene_forces(mechanism: Mechanism, every: bool = False) -> list[Acting]:
+    """Return all forces of a scene that have a law, those of springs between points and of drag last. Raises SceneError.
+
+    With contacts these are the forces that act while all are open; `every`: those of any phase.
+    """
     scene, found = mechanism.scene, list[Acting]()
-    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
+    allowed = allowed_names(mechanism.names, numbers_of(scene), mechanism.signals)
     for index, force in enumerate(scene.forces):
+        if not (every or acts(force, NOTHING_CLOSED)):
+            continue
         key = f"forces[{index}]"
         if force.on is not None and force.law is not None:
             found.append(Acting(mechanism.names.force(force.on, f"{key}.on"), parse(force.law, f"{key}.law", allowed)))
@@ -46,6 +54,8 @@ def scene_forces(mechanism: Mechanism) -> list[Acting]:
             found += _at_point(mechanism, force, key, allowed)
     for index, spring in enumerate(scene.springs):
         found += _spring(mechanism, spring, f"springs[{index}]")
+    for k, leg in enumerate(scene.legs):
+        found += _leg(mechanism, k) if leg.law is None and stands(scene, k) else ()
     return [*found, *_drag(mechanism)]
 
 
@@ -132,6 +142,18 @@ def _spring(mechanism: Mechanism, spring: Spring, key: str) -> Iterator[Acting]:
             lost = ("max", lost, ("*", ("number", -k), longer) if k else NOTHING)
             lost = ("where", slack, lost, NOTHING) if rope else lost
         yield acting(LOST, ("neg", lost))
+
+
+def _leg(mechanism: Mechanism, k: int) -> Iterator[Acting]:
+    """Yield what the spring of a leg that stands pushes on its point with, then its damper."""
+    leg, texts, key = mechanism.scene.legs[k], standing_of(mechanism.scene, k), f"legs[{k}]"
+    link = -1 if leg.from_ == BASE else mechanism.names.point(leg.from_, key)[0]
+    for kind, along in ((STORED, texts.spring), (LOST, texts.damper)):
+        for away, name in zip(texts.away, texts.names, strict=True):
+            if name and (kind == STORED or leg.damping):
+                law = parse(f"({along})*{away}/{texts.length}", key)
+                acting = GeneralizedForce(leg.name, kind, link, coordinate=name)
+                yield Acting(acting, Expression(f"of the leg {leg.name}", law.names, key, law.tree))
 
 
 def _end(mechanism: Mechanism, place: Place, key: str) -> PointEnd:
@@ -239,7 +261,7 @@ def outer_forces(
             pull = value * (line if force.coordinate == SQUARE else line / max(float(np.linalg.norm(line)), 1e-300))
             push(force.ends[1], pull)
             push(force.ends[0], -pull)
-        elif force.kind in ("point", LOST):
+        elif force.kind in ("point", LOST, STORED) and "." in force.coordinate:
             where, _, axis = force.coordinate.rpartition(".")
             vector = value * np.eye(3)[AXES.index(axis)]
             if force.link >= 0:

@@ -7,7 +7,7 @@ after an event and, without forces and a programme, impulses.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from vlmb.model.names import AXES
 from vlmb.scene.tables import BASE
-from vlmb.system.contacts import Footing, PhaseContacts
-from vlmb.system.engines import make_engine
+from vlmb.system.contacts import STANDING, ContactPoint, Footing, PhaseContacts
+from vlmb.system.engines import inputs_of, make_engine
 from vlmb.system.programme import total_mass
+from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -32,27 +33,38 @@ class Answers(NamedTuple):
 
 
 class Probe:
-    """The contacts of a system, all open; `bare` without forces and a programme."""
+    """The contacts of a system, all open but legs whose springs push; `bare` without these, forces and a programme.
 
-    def __init__(self, system: System, engine: str, bare: bool) -> None:
-        open_ = system.phase([Footing()] * len(system.points), bare)
-        given = () if bare else system.inputs
+    began : [s] of the phase; closed : contacts that programmes and forces take for closed
+    """
+
+    def __init__(
+        self, system: System, engine: str, bare: bool, began: float, footings: Sequence[Footing], closed: Collection[str] = ()
+    ) -> None:
+        open_ = system.phase(unheld(footings, bare), bare, began, closed)
+        given = () if bare else inputs_of(system)
         forces = [
-            (3 * point.index + axis, f"F_{AXES[axis]}" if point.contact.point == BASE else f"R_{name}")
+            (3 * point.index + axis, _force_on(point, axis))
             for point in system.points
             for axis, name in enumerate(point.names)
             if name
         ]
         names = (*given, *(name for _, name in forces if name not in given))
-        works = tuple(dict.fromkeys((*names, *system.work_names)))
+        works = (*dict.fromkeys(name for name in names if name not in system.work_names), *system.work_names)
         assert open_.contacts is not None
-        contacts = PhaseContacts(system.points, open_.contacts.footings, open_.contacts.own, works)
+        contacts = PhaseContacts(system.points, open_.contacts.footings, open_.contacts.own, works, began)
         self.system = dataclasses.replace(open_.with_inputs(names), contacts=contacts)
         self.bare = bare
         self.engine, self.names, self.given = engine, names, len(given)
         self.columns = [(column, names.index(name)) for column, name in forces]
         self.push = total_mass(system.mechanism) * (system.mechanism.scene.gravity or 1.0) or 1.0
         self.room = len(works)
+        tried = {name for _, name in forces}  # a force of the scene along the same coordinate does no work by what is tried
+        self.same = [at for at, name in enumerate(system.work_names) if name in tried]
+
+    def place(self, footings: Sequence[Footing]) -> None:
+        """Take the same legs to stand elsewhere, or to swing since another time."""
+        self.system = self.system.placed(unheld(footings, self.bare))
 
     def at(self, t: float, y: Array, branch: Sequence[float], works: int, given: Sequence[float]) -> Answers:
         """Answer at a state y of the run, which has `works` work states, under forces `given` (S,) from outside."""
@@ -73,4 +85,19 @@ class Probe:
             matrix[:, column] = ((found.jets[:, :3, 2] - free.jets[:, :3, 2]) / self.push).ravel()
             change = (found.rates - free.rates) / self.push
             moved[:, column] = np.concatenate([change[first], change[first.stop + own :]])
+        moved[first.stop - first.start + np.array(self.same, np.intp)] = 0.0
         return Answers(free.jets, matrix, moved)
+
+
+def unheld(footings: Sequence[Footing], bare: bool) -> tuple[Footing, ...]:
+    """Return how contacts stand with none held by rows; `bare`: nor pushed by the springs of legs."""
+    return tuple(
+        at if at.state == STANDING and not bare else Footing(place=at.place, since=at.since) for at in footings
+    )
+
+
+def _force_on(point: ContactPoint, axis: int) -> str:
+    """Name the force along one axis of a contact's point, or along the length of a stop."""
+    if isinstance(point, StopPoint):
+        return point.force
+    return f"F_{AXES[axis]}" if point.contact.point == BASE else f"R_{point.names[axis]}"

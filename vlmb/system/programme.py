@@ -6,7 +6,7 @@ u = u_nu + Z w: u_nu is the solution of least weighted norm, R^-1 G^T (G R^-1 G^
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +19,7 @@ from vlmb.errors import SceneError, SingularError, nearest
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import allowed_names
+from vlmb.scene.by_phase import keyed, numbers_of, programme_at, programmes_of
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
 from vlmb.system.constraints import Constraint, ConstraintSet
 from vlmb.system.gains import VARY, MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
@@ -69,21 +70,46 @@ def make_plan(
         )
     step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
-    h, k = gain_matrices(programme, holonomic.tolist(), own_rate(mechanism), step, scene.parameters)
+    h, k = united_gains(keyed(programme), holonomic, own_rate(mechanism), step, scene.parameters)
     moving = read_moving_gains(mechanism)
-    if any(entry.kind != "weights" for entry in moving.entries):
-        decay = VARY
-    else:
-        decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
+    decay = VARY
+    if all(entry.kind == "weights" for entry in moving.entries):
+        parts = _parts(keyed(programme), holonomic)
+        told = [stability_report(h[n, m], k[n, n], flags, run.method, step or 0.0, part.gains) for part, flags, n, m in parts]
+        decay = "; ".join(dict.fromkeys(told))
     check_border(programme, len(rows), len(acting))
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:
-        second_h, second_k = gain_matrices(_secondary_gains(programme), second_holonomic.tolist(), own_rate(mechanism), step)
+        given = [(key, _secondary_gains(part)) for key, part in keyed(programme) if part.secondary]
+        second_h, second_k = united_gains(given, second_holonomic, own_rate(mechanism), step, {})
     return ProgrammePlan(
         tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, moving,
         second_holonomic, second_h, second_k,
     )  # fmt: skip
+
+
+def _parts(
+    programmes: Sequence[tuple[str, Programme]], holonomic: NDArray[np.bool_]
+) -> list[tuple[Programme, list[bool], slice, slice]]:
+    """List the parts of a programme with which of their rows are of positions, and their rows and columns in K and H."""
+    found, row, column = [], 0, 0
+    for _, part in programmes:
+        flags = holonomic[row : row + len(part.constraints)].tolist()
+        found.append((part, flags, slice(row, row + len(flags)), slice(column, column + sum(flags))))
+        row, column = row + len(flags), column + sum(flags)
+    return found
+
+
+def united_gains(
+    programmes: Sequence[tuple[str, Programme]], holonomic: NDArray[np.bool_], rate: float, step: float | None,
+    parameters: Mapping[str, float],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return H (r, m) and K (r, r) of (5.5) of programmes that act at once: blocks of each."""
+    h, k = np.zeros((len(holonomic), int(holonomic.sum()))), np.zeros((len(holonomic), len(holonomic)))
+    for part, flags, rows, columns in _parts(programmes, holonomic):
+        h[rows, columns], k[rows, rows] = gain_matrices(part, flags, rate, step, parameters)
+    return h, k
 
 
 def check_border(programme: Programme, rows: int, controls: int) -> None:
@@ -108,20 +134,20 @@ def check_border(programme: Programme, rows: int, controls: int) -> None:
 def read_moving_gains(mechanism: Mechanism) -> MovingGains:
     """Read what of a scene's programme the motion gives; nothing without one. Raises ExpressionError."""
     scene = mechanism.scene
-    if scene.programme is None:
+    programme = programme_at(scene)
+    if programme is None:
         return MovingGains()
-    allowed = allowed_names(mechanism.names, scene.parameters, mechanism.signals)
+    allowed = allowed_names(mechanism.names, numbers_of(scene), mechanism.signals)
     names = [channel.name for channel in control_channels(mechanism)]
-    return moving_gains(scene.programme, names, allowed, scene.parameters)
+    return moving_gains(programme, names, allowed, scene.parameters)
 
 
 def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
     """Compile the ideal rows, those of the programme, then its secondary ones; None where there are none."""
-    scene, programme = mechanism.scene, mechanism.scene.programme
+    scene, parts = mechanism.scene, keyed(programme_at(mechanism.scene))
     texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
-    if programme is not None:
-        texts += [(text, f"programme.constraints[{k}]", False) for k, text in enumerate(programme.constraints)]
-        texts += [(text, f"programme.secondary[{k}]", False) for k, text in enumerate(programme.secondary)]
+    for what in ("constraints", "secondary"):
+        texts += [(text, f"{key}.{what}[{k}]", False) for key, part in parts for k, text in enumerate(getattr(part, what))]
     acting = control_channels(mechanism)
     scales = control_scales(mechanism, acting).tolist()
     behind = read_moving_gains(mechanism).laws
@@ -289,12 +315,20 @@ def _spread(h: Array, holonomic: NDArray[np.bool_]) -> Array:
 
 def control_channels(mechanism: Mechanism) -> tuple[GeneralizedForce, ...]:
     """Return the channels a programme's controls act through; SceneError for unknown or repeated names."""
-    programme = mechanism.scene.programme
-    names = programme.controls if programme else ()
-    for name in names:
-        if names.count(name) > 1:
-            raise SceneError(f"programme.controls: {name!r} is named twice")
-    return tuple(mechanism.names.force(name, f"programme.controls[{k}]") for k, name in enumerate(names))
+    found = list[GeneralizedForce]()
+    for key, part in keyed(programme_at(mechanism.scene)):
+        for k, name in enumerate(part.controls):
+            if part.controls.count(name) > 1:
+                raise SceneError(f"{key}.controls: {name!r} is named twice")
+            found.append(mechanism.names.force(name, f"{key}.controls[{k}]"))
+    return tuple(found)
+
+
+def control_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the names of the controls of all programmes, whenever they act."""
+    names = mechanism.names
+    found = (names.force(name, f"{key}.controls") for key, part in programmes_of(mechanism.scene) for name in part.controls)
+    return tuple(dict.fromkeys(force.name for force in found))
 
 
 def cross(g: Array) -> Array:
@@ -331,7 +365,8 @@ def total_mass(mechanism: Mechanism) -> float:
 def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> Array:
     """1/sqrt(R_s): a given weight R_s [1/N^2, 1/(N m)^2], or the scale m g (forces), m g L (moments), as for one that varies."""
     scene = mechanism.scene
-    weights = scene.programme.weights if scene.programme else {}
+    programme = programme_at(scene)
+    weights = programme.weights if programme else {}
     names = [channel.name for channel in given]
     fixed = dict[str, float]()
     for name, text in weights.items():
@@ -352,4 +387,5 @@ def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> A
 def _secondary_gains(programme: Programme) -> Programme:
     frequency = programme.secondary_frequency or programme.frequency
     gains: Literal["auto"] | None = None if frequency is not None else "auto"
-    return msgspec.structs.replace(programme, frequency=frequency, gains=gains, damping_ratio=1.0, h=None, k=None)
+    made = msgspec.structs.replace(programme, constraints=programme.secondary, frequency=frequency, gains=gains)
+    return msgspec.structs.replace(made, damping_ratio=1.0, h=None, k=None)

@@ -26,6 +26,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import QuantityTable
 from vlmb.model.tape import CompiledTape, compile_tape
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import Equation, Expression
 
 Array = NDArray[np.float64]
@@ -116,10 +117,10 @@ def make_readings(
     """
     scene, layout = mechanism.scene, mechanism.layout
     arrays = make_arrays(scene, layout, sliding=True, driven=True)
-    table = QuantityTable(mechanism.names, arrays, tuple(scene.parameters), mechanism.signals)
+    table = QuantityTable(mechanism.names, arrays, tuple(numbers_of(scene)), mechanism.signals)
     along = [table.along(force) for force in forces]  # first: laws of springs name what they act along
     compiled = compile_tape(roots, table.resolve, table.signals.pieces)
-    parameters = parameter_values(scene.parameters)
+    parameters = parameter_values(numbers_of(scene))
     quantities, count = table.made(), len(table.rows)
     links, velocities = len(layout.links), arrays.velocities
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, roots), parameters) | {

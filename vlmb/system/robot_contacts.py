@@ -61,9 +61,9 @@ class RobotContacts(Slips):
     def slide(self, t: float, q: Array, v: Array) -> tuple[Array, NDArray[np.int64]]:
         """Find what sliding contacts push on beside their rows (any, nv), and which held rows these are."""
         self.slides, places, lines = [], self.places_at(q, v), self.lines_at(q, v)
-        for k, (point, _, row, _) in enumerate(self.sliding):
+        for k, (point, footing, row, _) in enumerate(self.sliding):
             place, rate = places[point.index, :, 0], places[point.index, :, 1]
-            slope = point.surface.at(t, place)[1]
+            slope = point.slope(t, place, footing)
             size = float(np.linalg.norm(slope))
             normal, surface = slope / size, np.array(point.contact.surface_velocity)
             moving = rate - surface

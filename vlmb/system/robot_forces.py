@@ -17,6 +17,7 @@ from vlmb.model.names import AXES, DOT
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import RobotForce, RobotQuantity, Row
 from vlmb.model.tape import Leaf, leaf_of
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import Expression, parse
 from vlmb.scene.tables import SURFACE, Place, Spring
 from vlmb.system.prescribed import Prescribed
@@ -52,7 +53,7 @@ class Quantities:
     def __init__(self, mechanism: RobotMechanism) -> None:
         self.mechanism, self.names, self.table = mechanism, mechanism.names, mechanism.table
         self.scene, self.signals = mechanism.scene, mechanism.signals
-        self.parameters = {name: at for at, name in enumerate(self.scene.parameters)}
+        self.parameters = {name: at for at, name in enumerate(numbers_of(self.scene))}
         self.rows: dict[tuple[Row, float], int] = {}
         self.lengths: dict[str, int] = {}  # of springs, by the names that their laws use
         self.frames = [(int(body), *place) for body, place in zip(self.table.frame, self.table.place.tolist(), strict=True)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
@@ -22,6 +22,7 @@ from vlmb.model.names import AXES
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import RobotForce, allowed_names
 from vlmb.model.tape import CompiledTape, compile_tape
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.expressions import parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
@@ -30,7 +31,7 @@ from vlmb.system.constraints import Constraint
 from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
 from vlmb.system.core_rows import gain_table
 from vlmb.system.gains import MovingGains, require_decay
-from vlmb.system.prescribed import Prescribed, breaks_of_law
+from vlmb.system.prescribed import Prescribed, breaks_of_law, require_inside
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
 from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of
@@ -132,7 +133,8 @@ class RobotSystem:
         names, links = {drive.name: drive for drive in self.drives}, self.mechanism.scene.links
         for name, drive in names.items():
             number, which = map(int, name.removeprefix("xi").split("_"))
-            found |= breaks_of_law(drive, links[number - 1].segment(which).bounds, start, end)
+            found |= breaks_of_law(drive, start, end)
+            require_inside(drive, links[number - 1].segment(which).bounds, start, end)
         return tuple(sorted(found))
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
@@ -156,12 +158,14 @@ class RobotSystem:
         """The contacts of the scene."""
         return contact_points(cast(Any, self.mechanism))
 
-    def phase(self, footings: Sequence[Footing], bare: bool = False) -> RobotSystem:
+    def phase(
+        self, footings: Sequence[Footing], bare: bool = False, began: float = 0.0, closed: Collection[str] | None = None
+    ) -> RobotSystem:
         """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
         scene = self.mechanism.scene
-        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare))
+        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare, began, closed))
         made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
-        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
+        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
         system = make_robot_system(made, self.run, None if bare else self.inputs or None)
         return dataclasses.replace(system, contacts=contacts, mover=self.mover)
 
@@ -177,7 +181,7 @@ def make_robot_system(
     if run.knife_edge == "projection":
         raise SceneError("run.knife_edge = 'projection': with robots there are 'reduction' and 'multiplier'")
     quantities, programme = Quantities(mechanism), scene.programme
-    names = allowed_names(mechanism.names, [*scene.parameters, *mechanism.signals])
+    names = allowed_names(mechanism.names, [*numbers_of(scene), *mechanism.signals])
     welds, edges, held = _frames_held(quantities)
     rows = rows_of(scene)
     drives = drives_of(mechanism)
@@ -192,7 +196,7 @@ def make_robot_system(
     moving = MovingGains() if programme is None else read_moving_gains(mechanism, programme, controls, names)
     roots += moving.laws
     compiled = compile_tape([*equations, *roots], quantities.resolve, mechanism.signals.pieces)
-    parameters = parameter_values(scene.parameters)
+    parameters = parameter_values(numbers_of(scene))
     info = [Constraint(name, not name.startswith("edge:"), False, frozenset(), False) for name in held]
     if scene.base.kind == "ski":
         info.append(Constraint("knife_edge", False, False, frozenset(), False))

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from vlmb.core.contacts import SLOW
 from vlmb.model.mechanism import Mechanism
+from vlmb.model.reading import Postures
+from vlmb.scene.tables import BASE
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing, PhaseContacts, row_vectors
+from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing, PhaseContacts
 from vlmb.system.frames import LinkFrames
+from vlmb.system.stops import StopPoint
 
 Array = NDArray[np.float64]
 
@@ -45,13 +48,13 @@ class Slips:
         if self.places is None:
             return self.slides
         values, at = self.places.evaluate(frames, t, q, v, branch), 0
-        for k, (point, _, row, _) in enumerate(self.sliding):
+        for k, (point, footing, row, _) in enumerate(self.sliding):
             axes = [axis for axis, name in enumerate(point.names) if name]
             lines = values.jacobian[at : at + len(axes)]
             place, rate = np.zeros(3), np.zeros(3)
             place[axes], rate[axes] = values.z[at : at + len(axes)], values.rate[at : at + len(axes)]
             at += len(axes)
-            slope = point.surface.at(t, place)[1]
+            slope = point.slope(t, place, footing)
             size = float(np.linalg.norm(slope))
             normal, surface = slope / size, np.array(point.contact.surface_velocity)
             moving = rate - surface
@@ -100,8 +103,8 @@ def way_of(last: Array, moving: Array, normal: Array, any_way: bool) -> Array:
 
 def held_by(point: ContactPoint, footing: Footing, t: float, place: Array, multipliers: Array) -> tuple[Array, Array]:
     """Return the force (3,) [N] on the mechanism of the rows of a closed contact, and its normal (3,)."""
-    slope = point.surface.at(t, place)[1]
-    return multipliers @ row_vectors(point, footing, slope), slope / float(np.linalg.norm(slope))
+    slope = point.slope(t, place, footing)
+    return multipliers @ point.row_vectors(footing, slope), slope / float(np.linalg.norm(slope))
 
 
 def force_of(point: ContactPoint, footing: Footing, t: float, place: Array, velocity: Array, multipliers: Array) -> Array:
@@ -113,3 +116,18 @@ def force_of(point: ContactPoint, footing: Footing, t: float, place: Array, velo
         way = way_of(np.array(footing.towards), moving, normal, all(point.names))
         force = force - point.coefficient * float(force @ normal) * way
     return force
+
+
+def motion_of(point: ContactPoint, seen: Postures) -> tuple[Array, Array]:
+    """Return places and velocities (N, 3) of a contact's point; of a stop the length and its rate."""
+    if isinstance(point, StopPoint):
+        link, _, which = point.contact.point.partition(".")
+        i, side = [entry.name for entry in seen.layout.links].index(link), 0 if which == "lower" else 1
+        found = np.zeros((2, len(seen.lengths), 3))
+        found[0, :, 0], found[1, :, 0] = seen.lengths[:, i, side], seen.length_rates[:, i, side]
+        return found[0], found[1]
+    if point.contact.point == BASE:
+        return seen.place, seen.velocity_of_place
+    link, _, which = point.contact.point.partition(".")
+    at = [entry.name for entry in seen.layout.links].index(link)
+    return seen.position(at, which), seen.velocity(at, which)

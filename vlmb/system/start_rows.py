@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, SingularError
 from vlmb.model.mechanism import Mechanism
+from vlmb.scene.by_phase import programme_at
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.constraints import Constraint, ConstraintSet, RowValues
 from vlmb.system.frames import LinkFrames
@@ -81,7 +82,8 @@ def share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: li
 def row_sets(system: System, t: float = 0.0) -> list[RowSet]:
     """Return the rows of a scene that a start at t [s] is to meet: the ideal ones, then those of its programme."""
     scene, frames = system.mechanism.scene, LinkFrames(system.mechanism)
-    ideal, servo = len(scene.constraints), len(scene.programme.constraints) if scene.programme else 0
+    programme = programme_at(scene)
+    ideal, servo = len(scene.constraints), len(programme.constraints) if programme else 0
     rows = system.constraints
     if rows is None:
         return []

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vlmb.errors import SceneError, nearest
 from vlmb.model.layout import SegmentIndex, State
 from vlmb.model.mechanism import Mechanism
-from vlmb.model.names import LOST
+from vlmb.scene.by_phase import goes_by_phase, numbers_of, programme_at, programmes_of
 from vlmb.scene.expressions import Expression
 from vlmb.scene.names import listed
 from vlmb.scene.rows import rows_of
@@ -26,7 +26,7 @@ from vlmb.scene.tables import Run, Segment
 from vlmb.system.branch import next_branch
 from vlmb.system.constrained import SIDEWAYS, ConstraintSolver
 from vlmb.system.constraints import Constraint, ConstraintSet
-from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, phase_scene
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.dense import Dense
 from vlmb.system.diagnostics import Diagnostics
@@ -39,23 +39,13 @@ from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
 from vlmb.system.slips import Slips
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
-from vlmb.system.types import Rhs
+from vlmb.system.stops import all_points
+from vlmb.system.types import Evaluation, Rhs
+from vlmb.system.work_names import names_of_work
 
 Array = NDArray[np.float64]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
-
-
-class Evaluation(NamedTuple):
-    """One instant: accelerations and every force by name."""
-
-    vdot: Array
-    tau: Array  # (nv,) springs, dampers, applied forces and controls
-    controls: dict[str, float]  # applied forces, controls of the programme, forces of prescribed segments
-    knife_edge: float | None  # [N], positive to the ski's left
-    reactions: dict[str, float]  # multipliers of the ideal rows, by equation
-    residuals: dict[str, tuple[float, float]]  # z and z' of every row, by equation
-    powers: dict[str, float]  # rates of the work states [W]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +65,8 @@ class System:
     programme: ProgrammePlan | None
     contacts: PhaseContacts | None = None  # of a phase
     until: Expression | None = None  # a run ends where it falls through 0
+    ends_at: str = ""  # the event of the scene at which a run ends
+    by_phase: tuple[Constraint, ...] = ()  # rows of programmes that act in some phases only
 
     def __repr__(self) -> str:
         parts = [f"{self.engine} engine, knife edge {self.knife_edge}"]
@@ -100,18 +92,12 @@ class System:
 
     def with_numbers(self, scene: Scene) -> System:
         """Return this system with a scene that `renumbered` made of its own: nothing is compiled again."""
-        mechanism = dataclasses.replace(self.mechanism, scene=scene)
-        mechanism.__dict__.update({k: v for k, v in self.mechanism.__dict__.items() if k in ("names", "model")})
+        mechanism = self.with_scene(scene)
         made = dataclasses.replace(self, mechanism=mechanism, segments=tuple(free_segments(mechanism)))
         made.__dict__["core_plan"] = self.core_plan.with_numbers(mechanism)
         for name in ("work_names", "reads_angles", "angled"):
             made.__dict__[name] = getattr(self, name)
         return made
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of forces from outside."""
-        return tuple(self.forces.inputs or ())
 
     @property
     def knife_edge(self) -> str:
@@ -121,8 +107,7 @@ class System:
     @property
     def info(self) -> tuple[Constraint, ...]:
         """The ideal rows, then those of the programme."""
-        scene = self.mechanism.scene
-        count = len(scene.constraints) + len(scene.programme.constraints if scene.programme else ())
+        count = len(self.mechanism.scene.constraints) + len(self.programme.texts if self.programme else ())
         return self.constraints.info[:count] if self.constraints else ()
 
     @property
@@ -135,18 +120,15 @@ class System:
         """Names of the work states: forces, ideal rows that work, what contacts take, and "dissipation"; in a phase the run's."""
         if self.contacts is not None:
             return self.contacts.works
-        names = [*(self.programme.names if self.programme else ())]
-        names += [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
-        names += [channel.name for channel in self.forces.named] + [at.force for at in self.prescribed]
+        working = [row.text for row in self.info[: len(self.mechanism.scene.constraints)] if row.working]
         dampers = [spring.damping for spring in self.direction_springs] + [segment.damping for segment, _ in self.segments]
-        dampers += [float(channel.kind == LOST) for channel in self.forces.channels] + [self.mechanism.scene.base.friction]
-        names += work_names_of(self.points)
-        return (*dict.fromkeys(names), *(("dissipation",) if any(dampers) else ()))
+        dampers += [leg.damping for leg in self.mechanism.scene.legs]
+        return names_of_work(self.mechanism, working, self.forces, self.prescribed, self.points, dampers)
 
     @cached_property
     def points(self) -> tuple[ContactPoint, ...]:
-        """The contacts of the scene."""
-        return contact_points(self.mechanism)
+        """The contacts of the scene, then its legs, then stops of lengths."""
+        return all_points(self.mechanism)
 
     def placed(self, footings: Sequence[Footing]) -> System:
         """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""
@@ -156,14 +138,21 @@ class System:
         made.__dict__.update(core_plan=plan.placed(contacts), work_names=self.work_names)
         return made
 
-    def phase(self, footings: Sequence[Footing], bare: bool = False) -> System:
+    def with_scene(self, scene: Scene) -> Mechanism:
+        """Return the mechanism with a scene whose links are those of this one."""
+        made = dataclasses.replace(self.mechanism, scene=scene)
+        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")})
+        return made
+
+    def phase(
+        self, footings: Sequence[Footing], bare: bool = False, began: float = 0.0, closed: Collection[str] | None = None
+    ) -> System:
         """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
         scene = self.mechanism.scene
-        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare))
-        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")})
-        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names)
+        made = self.with_scene(phase_scene(scene, self.points, footings, bare, began, closed))
+        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
         system = make_system(made, self.run, None if bare else self.forces.inputs)
-        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until)
+        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until, ends_at=self.ends_at)
 
     @property
     def size(self) -> int:
@@ -181,7 +170,7 @@ class System:
         """What the compiled core runs."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, self.forces.inputs, self.work_names,
-            self.constraints, self.programme, contacts=self.contacts, until=self.until,
+            self.constraints, self.programme, contacts=self.contacts, until=self.until, ends_at=self.ends_at,
         )  # fmt: skip
 
     @cached_property
@@ -189,7 +178,7 @@ class System:
         """What the core looks for where Pinocchio moves."""
         return make_core_plan(
             self.mechanism, self.run, self.direction_springs, self.prescribed, None, (), watching=True, contacts=self.contacts,
-            until=self.until,
+            until=self.until, ends_at=self.ends_at,
         )  # fmt: skip
 
     @cached_property
@@ -213,7 +202,7 @@ class System:
         """Links whose azimuth or elevation an equation or a law names."""
         rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
         rows += [law.names for law in self.constraints.behind] if self.constraints else []
-        names, own = self.mechanism.names, {"t", *self.mechanism.scene.parameters, *self.mechanism.signals}
+        names, own = self.mechanism.names, {"t", *numbers_of(self.mechanism.scene), *self.mechanism.signals}
         read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.written)) for name in group - own]
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 
@@ -223,7 +212,7 @@ class System:
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
-        return any(row.holonomic for row in self.info if row.text == text)
+        return any(row.holonomic for row in (*self.info, *self.by_phase) if row.text == text)
 
 
 def make_system(
@@ -255,11 +244,22 @@ def make_system(
     held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
     if held or scene.constraints:
         require_decay(run)
-    if scene.programme is not None:
+    programme = programme_at(scene)
+    if programme is not None:
         assert rows is not None
-        servo = len(scene.constraints) + len(scene.programme.constraints)
-        plan = make_plan(mechanism, scene.programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run)
-    return System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
+        servo = len(scene.constraints) + len(programme.constraints)
+        plan = make_plan(mechanism, programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run)
+    system = System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
+    return dataclasses.replace(system, by_phase=_rows_by_phase(system, run)) if goes_by_phase(scene) else system
+
+
+def _rows_by_phase(system: System, run: Run) -> tuple[Constraint, ...]:
+    """Return the rows of all programmes that act in some phases only. Raises SceneError for one that is wrong by itself."""
+    found = list[Constraint]()
+    for _, part in programmes_of(system.mechanism.scene):
+        alone = make_system(system.with_scene(phase_scene(system.mechanism.scene, (), (), closed=part.closed)), run)
+        found += alone.info[len(system.mechanism.scene.constraints) :]
+    return tuple(found)
 
 
 class Workspace:

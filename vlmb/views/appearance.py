@@ -9,6 +9,7 @@ ROD, ROD_TOO, TELESCOPE, HINGE, MASS = "#2f6db3", "#5b9bd5", "#aab4bf", "#39424e
 SKI, STAND = "#c8313a", "#5c6670"
 SNOW, SNOW_LINES, FLOOR, FLOOR_LINES = "#f4f8fb", "#cfdce6", "#e9ebee", "#c9ced4"
 TRACK, TRAIL, PROGRAMME, EDGE_FORCE, GRAVITY = "#9db4c8", "#e08a3c", "#009e73", "#d55e00", "#333333"
+CONTACT_FORCE, IMPULSE, FOOTPRINT = "#0072b2", "#cc79a7", "#7d8996"
 SKIN, JACKET, SLEEVES, TROUSERS, BOOTS = "#e9bd95", "#c8313a", "#d9525a", "#3a588c", "#575e69"
 HELMET, GOGGLES = "#e6e9ee", "#2b2f36"
 STRETCH = "#f0a030"  # segments that change their length

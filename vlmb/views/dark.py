@@ -5,7 +5,9 @@ from __future__ import annotations
 import colorsys
 from typing import TYPE_CHECKING, Any
 
-from vlmb.views.style import PALETTE
+import numpy as np
+
+from vlmb.views.style import BANDS, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +20,7 @@ BRIGHT = ("#4FB0F0", "#FF8A45", "#2CC99A", "#F2B632", "#E693C4", "#9AD4FF")  # P
 def darkened(figure: Figure) -> Figure:
     """Put a figure on a dark ground, as it is: grey tones are turned over, the colours of links and runs brightened."""
     from matplotlib.collections import Collection, QuadMesh
+    from matplotlib.colors import to_rgb
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
     from matplotlib.text import Text
@@ -25,6 +28,8 @@ def darkened(figure: Figure) -> Figure:
     for artist in {id(entry): entry for entry in figure.findobj()}.values():
         if isinstance(artist, (Line2D, Text)):
             artist.set_color(counterpart(artist.get_color()))
+        elif isinstance(artist, (Patch, Collection)) and (band := _band(artist.get_facecolor())):
+            artist.set_facecolor((*to_rgb(band), 0.25))
         elif isinstance(artist, Patch):
             artist.set_facecolor(counterpart(artist.get_facecolor()))
             artist.set_edgecolor(counterpart(artist.get_edgecolor()))
@@ -34,6 +39,14 @@ def darkened(figure: Figure) -> Figure:
     for ax in figure.axes:
         ax.tick_params(which="both", colors=INK, grid_color=GRID)
     return figure
+
+
+def _band(colours: Any) -> str | None:
+    """Return the colour of a band of phases, where it is one."""
+    from matplotlib.colors import to_hex
+
+    found = np.atleast_2d(colours)
+    return next((band for band in BANDS if len(found) == 1 and to_hex(found[0]) == band), None)
 
 
 def counterpart(colour: Any) -> Any:

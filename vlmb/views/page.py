@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 from vlmb.errors import VlmbError
 from vlmb.views import shapes
 from vlmb.views.appearance import DARK, FLOOR, FLOOR_LINES, LIGHT, SNOW, SNOW_LINES, Theme
+from vlmb.views.bodies import Body
 from vlmb.views.shapes import Lines, Mesh
-from vlmb.views.visual_model import VIEW_FROM, Body, Scenery
+from vlmb.views.visual_model import VIEW_FROM, Scenery
 
 Array = NDArray[np.float64]
 FLOATS, WHOLES = 0x17, 0x16  # meshcat's MessagePack extensions for arrays of 32-bit floats and unsigned integers
@@ -83,6 +84,7 @@ def facts(scenery: Scenery, speed: float = 1.0, start: float = 0.0, until: float
         "duration": duration, "whole": duration if until is None else until, "begin": float(scenery.t[0]),
         "frames": len(scenery.t), "live": until is not None,
         "speed": speed, "start": start, "view": view.tolist(), "distance": 2.6 * scenery.radius, "normal": up.tolist(),
+        "events": [[t - float(scenery.t[0]), words] for t, words in scenery.events],
         "ground": scenery.ground.height, "radius": scenery.radius, "reach": scenery.ground.half,
         "leads": "ski" if any(body.path == "ski" for body in scenery.bodies) else "ground",
         "grows": [[body.path, min(body.keeps, 1e9)] for body in scenery.bodies if body.grows],

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system.stops import StopPoint
 from vlmb.views.reference_path import course
 from vlmb.views.style import BLACK, DASHES, GREY, PALETTE, finish, legend_beside, link_colour, new_figure, styled
 
@@ -105,6 +106,14 @@ def _tips(runs: Sequence[Trajectory], labels: Sequence[str] | None) -> Figure:
                 ax.plot(tip[:, plane[0]], tip[:, plane[1]], color=colour, linestyle=DASHES[k % len(DASHES)], linewidth=1.0,
                         label="tip" if alone else f"tip of {link.name}")  # fmt: skip
                 ax.plot(tip[:1, plane[0]], tip[:1, plane[1]], "o", color=colour, markersize=4, label="_")
+            if run.mechanism.layout.base == "free" and run.scene.base.mass:
+                place = np.stack([run[axis] if axis in run.names else np.zeros(len(run)) for axis in "xyz"], axis=1)
+                label = "base" if len(runs) == 1 or not links else "_"
+                ax.plot(place[:, plane[0]], place[:, plane[1]], color=BLACK if len(runs) == 1 else PALETTE[k % len(PALETTE)],
+                        linestyle=DASHES[k % len(DASHES)], linewidth=1.0, label=label)  # fmt: skip
+            stood = footholds(run)
+            if len(stood):
+                ax.plot(stood[:, plane[0]], stood[:, plane[1]], "v", color=GREY, markersize=4, label="_", zorder=1.2)
             if run.mechanism.layout.base == "pivot":
                 ax.plot([0.0], [0.0], "^", color=BLACK, markersize=7, label="_", zorder=5)
         ax.set_aspect("equal", adjustable="datalim")
@@ -113,6 +122,16 @@ def _tips(runs: Sequence[Trajectory], labels: Sequence[str] | None) -> Figure:
         ax.set_ylabel(across)
     legend_beside(axes[-1])
     return finish(figure, runs, labels)
+
+
+def footholds(run: Trajectory) -> Array:
+    """Return the places (n, 3) [m] at which contacts and legs came down and stayed."""
+    found = dict.fromkeys(
+        stretch.footings[point.index].place
+        for stretch in run.stretches for point in run.system.points
+        if point.closed(stretch.footings[point.index]) and not isinstance(point, StopPoint)
+    )  # fmt: skip
+    return np.array(list(found)).reshape(-1, 3)
 
 
 def _postures(ax: Axes, run: Trajectory, when: Array, plane: tuple[int, int], colour: Any, label: str) -> None:

@@ -129,7 +129,7 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     runs = listed(trajectory)
     names = list(dict.fromkeys(name for run in runs for name in run.reactions))
     moments = [name for name in names if name.endswith("_moment")]
-    contacts = list(dict.fromkeys(contact.name for run in runs for contact in run.scene.contacts))
+    contacts = list(dict.fromkeys(name for run in runs for name in run.scene.touching))
     others = [name for name in names if name not in ("knife_edge", "normal", *moments, *contacts)]
 
     def lines(which: Iterable[str]) -> list[Series]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.names import force_symbol, plain
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.rows import Row, rows_of
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views.biomechanics import STRENGTHS, both_legs, joint_moments
@@ -115,7 +116,7 @@ def power(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     names = list(dict.fromkeys(name for run in runs for name in run.controls))
     if not names:
         return empty_figure(runs, "Power", "the scene has no controls")
-    asked = {name for run in runs if run.scene.programme for name in run.scene.programme.controls}
+    asked = {name for run in runs for _, programme in programmes_of(run.scene) for name in programme.controls}
     peaks = {name: max(float(np.abs(run.power(name)).max()) for run in runs if name in set(run.controls)) for name in names}
     groups = {"programme": [n for n in names if n in asked], "forces": [n for n in names if n not in asked]}
 

@@ -14,10 +14,11 @@ from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_model import identifier
 from vlmb.simulation.robot_trajectory import RobotTrajectory
 from vlmb.views import appearance, shapes
+from vlmb.views.bodies import Body
 from vlmb.views.meshes import box, load_mesh
 from vlmb.views.sampling import at_times, smooth
 from vlmb.views.shapes import Mesh
-from vlmb.views.visual_model import Body, Scenery, draw_ground, draw_link, draw_ski, draw_ways
+from vlmb.views.visual_model import Scenery, draw_ground, draw_link, draw_ski, draw_ways
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 def at_times(model: Any, t: Array, q: Array, when: Array) -> Array:
     """Configurations at times between samples: joints stay joined because q, not positions, is interpolated."""
     after = np.clip(np.searchsorted(t, when), 1, len(t) - 1)
-    share = ((when - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
+    width = t[after] - t[after - 1]  # 0 between the two samples of an event
+    share = np.where(width > 0.0, (when - t[after - 1]) / np.where(width > 0.0, width, 1.0), 1.0)[:, None]
     first, second = q[after - 1], q[after].copy()
     for joint in model.joints[1:]:
         name = joint.shortname()

@@ -119,6 +119,12 @@ def arrow(length: float) -> Mesh:
     return revolve(profile, sides=16)._replace(flat=True)
 
 
+def disc(radius: float, height: float) -> Mesh:
+    """Return a disc that lies on z = 0."""
+    mesh = revolve([(0.0, 0.0), (0.0, radius), (height, radius), (height, 0.0)], sides=20)._replace(flat=True)
+    return mesh._replace(vertices=mesh.vertices[:, [1, 2, 0]])
+
+
 def cone(height: float, radius: float) -> Mesh:
     """Return a stand: its point in the origin, its foot at z = -height."""
     turned = revolve([(-height, 0.0), (-height, radius), (0.0, 0.0)], sides=16)

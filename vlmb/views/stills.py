@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from vlmb.errors import VlmbError
 from vlmb.simulation.files import replacing
 from vlmb.views.appearance import FLOOR, FLOOR_LINES, SNOW, SNOW_LINES
+from vlmb.views.bodies import Body
 from vlmb.views.canvas import SUN, Camera, Canvas
 from vlmb.views.shapes import Lines, Mesh
 from vlmb.views.style import not_there
-from vlmb.views.visual_model import VIEW_FROM, Body, Scenery
+from vlmb.views.visual_model import VIEW_FROM, Scenery
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -309,7 +310,7 @@ def _everything(scenery: Scenery, frames: list[int]) -> Array:
         points += [
             _moved(poses[body.path], body.shape.vertices) @ turn.T
             for body in scenery.bodies
-            if isinstance(body.shape, Mesh) and not body.grows and body.path != "programme"
+            if isinstance(body.shape, Mesh) and not body.grows and body.fits and body.path != "programme"
         ]
     return np.concatenate(points)
 

@@ -34,6 +34,8 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # plain
 QUIET = 1e-7  # [rad, m, per s] of spans that only rounding errors make
 BLACK, GREY, SNOW = "#000000", "#8a8a8a", "#56B4E9"
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9")  # Okabe and Ito, without yellow
+BANDS, MOST_BANDS = ("#e3edf6", "#f8ead9", "#e2f1e8", "#f5e4ee", "#eeeeee", "#e8e4f4", "#f3f0d8", "#e0e0e0"), 12  # of phases
+PHASES = "phases"  # marks the bands
 DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (9, 3)))
 RC = {
     "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 9.0, "mathtext.fontset": "cm",
@@ -168,6 +170,31 @@ def draw(
     if ax.lines and x is None:
         start, end = min(run.t[0] for run in runs), max(run.t[-1] for run in runs)
         ax.set_xlim(start, end if end > start else start + 1.0)
+        if len(runs) == 1:
+            draw_phases(ax, runs[0])
+
+
+def phase_colours(run: Trajectory) -> dict[tuple[str, ...], str]:
+    """Return the colour of the bands of each set of closed contacts, in the order in which they come; none without events."""
+    if not getattr(run, "events", ()):
+        return {}
+    sets = dict.fromkeys(phase.closed for phase in run.phases)
+    colours = iter(BANDS)
+    return {closed: next(colours, BANDS[-1]) if closed else "#ffffff" for closed in list(sets)[:MOST_BANDS]}
+
+
+def draw_phases(ax: Axes, run: Trajectory) -> None:
+    """Draw the phases of a run as bands behind a panel over time."""
+    from matplotlib.collections import PolyCollection
+
+    for closed, colour in phase_colours(run).items():
+        if not closed:
+            continue
+        spans = [(phase.start, phase.end) for phase in run.phases if phase.closed == closed and phase.end > phase.start]
+        corners = [[(low, 0.0), (high, 0.0), (high, 1.0), (low, 1.0)] for low, high in spans]
+        bands = PolyCollection(corners, facecolors=colour, edgecolors="none", transform=ax.get_xaxis_transform(), zorder=0.05)
+        bands.set_gid(PHASES)
+        ax.add_collection(bands, autolim=False)
 
 
 def reveal(*panels: Axes) -> None:
@@ -261,6 +288,14 @@ def finish(figure: Figure, runs: Sequence[Trajectory], labels: Sequence[str] | N
         bar.ax.set_yticklabels([f"{i + 1} {links[i].name[:16]}" for i in ticks])
         bar.ax.minorticks_off()
         bar.ax.set_ylabel("link")
+    phases = phase_colours(runs[0]) if len(runs) == 1 else {}
+    if phases and any(entry.get_gid() == PHASES for ax in panels for entry in ax.collections):
+        from matplotlib.patches import Patch
+
+        patches = [Patch(facecolor=colour, edgecolor="#bbbbbb", linewidth=0.5, gid=PHASES) for colour in phases.values()]
+        texts = [plain(" + ".join(closed)) or "nothing touches" for closed in phases]
+        most = max(1, min(len(texts), int(figure.get_figwidth() * 10 / (max(map(len, texts)) + 6))))
+        figure.legend(patches, texts, loc="outside lower center", ncols=most, title="phases", fontsize=8.0, title_fontsize=8.0)
     if len(runs) > 1:
         alone = all(len(_labels(ax)) <= 1 for ax in panels)
         handles = [

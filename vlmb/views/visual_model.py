@@ -7,7 +7,7 @@ frame, which the viewer tilts by the slope, so that gravity points down. Solids 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,12 @@ from vlmb.scene.tables import Base, Link, Segment
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import appearance, shapes
 from vlmb.views.appearance import look_of
+from vlmb.views.bodies import Body
 from vlmb.views.person import Part, Person, crowns, part_of, person_of
+from vlmb.views.phase_scenery import draw_footprints, draw_forces, draw_legs, told_events
 from vlmb.views.reference_path import course
 from vlmb.views.sampling import at_times, smooth
-from vlmb.views.shapes import Lines, Mesh
+from vlmb.views.shapes import Mesh
 
 Array = NDArray[np.float64]
 
@@ -35,30 +37,6 @@ TRAIL_SECONDS = 1.5  # of the way of a tip
 AHEAD = 20.0  # [s] of the way of a programme that a start posture shows
 MAX_FRAMES = 200_000
 DENSITY = 1000.0  # [kg/m^3], of what masses are drawn as
-
-
-@dataclass(frozen=True)
-class Body:
-    """A shape and where it is relative to the body its path hangs on: constant, or frame by frame (N first)."""
-
-    path: str
-    shape: Mesh | Lines | None
-    colour: str
-    position: Array = field(default_factory=lambda: np.zeros(3))  # (3,) or (N, 3) [m]
-    rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) or (N, 3, 3)
-    scale: Array = field(default_factory=lambda: np.ones(3))  # (3,) or (N, 3)
-    grows: bool = False  # a way: as long as what lies behind
-    keeps: float = math.inf  # [s] of a way that stay visible
-    shadow: bool = True
-    in_front: bool = False  # drawn over everything
-
-    def pose(self, frame: int) -> Array:
-        """4 x 4 matrix in the parent's frame at a frame."""
-        pose = np.eye(4)
-        scale = self.scale[frame] if self.scale.ndim == 2 else self.scale
-        pose[:3, :3] = (self.rotation[frame] if self.rotation.ndim == 3 else self.rotation) * scale
-        pose[:3, 3] = self.position[frame] if self.position.ndim == 2 else self.position
-        return pose
 
 
 @dataclass(frozen=True)
@@ -83,6 +61,7 @@ class Scenery:
     ground: Ground
     focus: Array
     radius: float
+    events: tuple[tuple[float, str], ...] = ()  # of contacts: time [s] and words
 
     @property
     def turn(self) -> Array:
@@ -119,14 +98,18 @@ def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = Fals
     edge = None
     if arrows and trajectory.mechanism.layout.base == "ski" and len(trajectory) > 1:
         edge = trajectory.reactions["knife_edge"]
-    return of_samples(trajectory.mechanism, trajectory.t, trajectory.q, trajectory.v, fps, arrows, edge, programme)
+    phased = trajectory if trajectory.stretches else None
+    return of_samples(trajectory.mechanism, trajectory.t, trajectory.q, trajectory.v, fps, arrows, edge, programme, phased)
 
 
 def of_samples(
     mechanism: Mechanism, t: Array, q: Array, v: Array, fps: float = 60.0, arrows: bool = False, edge: Array | None = None,
-    programme: Any = None,
+    programme: Any = None, phased: Trajectory | None = None,
 ) -> Scenery:  # fmt: skip
-    """Return the scenery of samples (q, v) at t (N,) [s], with the knife edge's force (N,) [N] for its arrow."""
+    """Return the scenery of samples (q, v) at t (N,) [s], with the knife edge's force (N,) [N] for its arrow.
+
+    phased : the run, where contacts and legs are drawn
+    """
     if len(t) < 2:
         return of_state(mechanism, (q[0], v[0]), arrows)
     frames = max(2, round(min((t[-1] - t[0]) * fps, MAX_FRAMES)) + 1)
@@ -134,7 +117,7 @@ def of_samples(
     if programme is None:
         programme = _programme(mechanism, t, v[:, 0], q[0])
     edge = None if edge is None else np.interp(when, t, edge)
-    return _build(mechanism, when, at_times(mechanism.model, t, q, when), arrows, edge, programme)
+    return _build(mechanism, when, at_times(mechanism.model, t, q, when), arrows, edge, programme, phased)
 
 
 def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array | None:
@@ -144,7 +127,9 @@ def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array 
     return course(mechanism.scene, t, speed, (float(q[0]), float(q[1]), math.atan2(q[3], q[2])))
 
 
-def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array | None, programme: Any) -> Scenery:
+def _build(
+    mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array | None, programme: Any, phased: Trajectory | None = None
+) -> Scenery:
     layout, scene = mechanism.layout, mechanism.scene
     seen = postures(scene, layout, q)
     rotations = kinematics(layout, q, np.zeros((len(q), layout.nv))).rotations
@@ -166,7 +151,9 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
         frame = person.rotations.get(i, rotations[:, i]) if person else rotations[:, i]
         bodies += draw_link(scene.links[i], i, seen, frame, size, person, part)
     heads = crowns(person, mechanism, seen) if person else []
-    everything = np.stack([base, *hinges, *tips, *heads], axis=1)
+    legs, feet = draw_legs(phased, t, seen, size) if phased else ([], [])
+    bodies += legs
+    everything = np.stack([base, *hinges, *tips, *heads, *feet], axis=1)
     ground = draw_ground(everything, size, layout.base)
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
@@ -179,8 +166,12 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
     if layout.base != "ski" and tips and len(t) > 1:
         trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
         bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
+    if phased:
+        bodies += draw_footprints(phased, t, size, ground.height)
     if arrows:
         bodies += _arrows(mechanism, q, size, edge, ground.height)
+    if arrows and phased:
+        bodies += draw_forces(phased, t, seen, 0.35 * size, _weight(scene))
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
     focus = np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape) if layout.base == "pivot" else centre
     radius = float(np.linalg.norm(everything - focus[:, None], axis=2).max()) + 0.25 * size
@@ -188,7 +179,8 @@ def _build(mechanism: Mechanism, t: Array, q: Array, arrows: bool, edge: Array |
         radius = max(radius, float(np.linalg.norm(base - focus, axis=1).max()) + 0.5 * _ski_length(scene.base))
     if layout.base != "pivot":
         focus = smooth(focus)
-    return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), max(radius, 0.6 * size))
+    events = tuple(told_events(phased)) if phased else ()
+    return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), max(radius, 0.6 * size), events)
 
 
 def draw_link(
@@ -287,7 +279,7 @@ def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None, flo
     """Gravity at the centre of mass and the edge force on the ski, to one scale; neither goes through the ground."""
     model, data, scene = mechanism.model, make_data(mechanism.model), mechanism.scene
     down = np.array(scene.surface_gravity)
-    weight = float(np.linalg.norm(down)) * (scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links))
+    weight = _weight(scene)
     bodies, reach = [], 0.7 * size
     if weight > 0.0:
         centre = np.array([pin.centerOfMass(model, data, row) for row in q])
@@ -309,6 +301,10 @@ def _arrows(mechanism: Mechanism, q: Array, size: float, edge: Array | None, flo
     return bodies
 
 
+def _weight(scene: Scene) -> float:
+    return scene.gravity * (scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links))
+
+
 def draw_ground(everything: Array, size: float, base: str) -> Ground:
     """The ground below all places (N, any, 3) of a motion."""
     low = everything.reshape(-1, 3).min(axis=0)
@@ -325,7 +321,8 @@ def _size(mechanism: Mechanism) -> float:
     """Return a length [m] typical of the mechanism: its longest branch at the start lengths."""
     layout = mechanism.layout
     lengths = [link.lower.length + link.rod_length + link.upper.length for link in layout.links]
-    return max((sum(lengths[k] for k in layout.path(i)) for i in range(len(lengths))), default=0.0) or 1.0
+    legs = [leg.length or 1.0 for leg in mechanism.scene.legs]
+    return max([*(sum(lengths[k] for k in layout.path(i)) for i in range(len(lengths))), *legs], default=0.0) or 1.0
 
 
 def _ball_radius(mass: float, size: float) -> float:

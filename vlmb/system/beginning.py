@@ -1,0 +1,54 @@
+"""What acts where a run begins, in a scene whose programmes, forces or laws go by phases."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from vlmb.scene.by_phase import acting, goes_by_phase
+from vlmb.scene.names import PHASE_START
+from vlmb.system.contacts import Footing
+from vlmb.system.forces import StateView
+from vlmb.system.legs import LegPoint
+from vlmb.system.pace import laws_of
+from vlmb.system.start import Start, consistent_start
+from vlmb.system.system import System
+
+NEAR_AT_START = 1e-6  # [m] a gap that counts as none
+
+
+def goes_by_phase_time(system: System) -> bool:
+    """Whether a law or an equation names `phase_t`."""
+    return bool(system.points) and any(PHASE_START in root.names for root in laws_of(system.mechanism.scene))
+
+
+def beginning(system: System, t0: float, closed: Collection[str] = ()) -> System:
+    """Return the system of a phase that begins at t0 [s], with what acts while these contacts are closed, but not their rows."""
+    if goes_by_phase(system.mechanism.scene) or goes_by_phase_time(system):
+        return system.phase([Footing()] * len(system.points), began=t0, closed=closed)
+    return system
+
+
+def start_in_phase(system: System, t0: float) -> Start:
+    """Make a consistent start, with the programmes that act where its contacts are closed."""
+    start, scene = consistent_start(beginning(system, t0), t0), system.mechanism.scene
+    closed = _touching(system, start, t0) if goes_by_phase(scene) else frozenset()
+    if acting(scene, closed)[0] == acting(scene, ())[0]:
+        return start
+    return consistent_start(beginning(system, t0, closed), t0)
+
+
+def _touching(system: System, start: Start, t0: float) -> frozenset[str]:
+    """Return the names of contacts whose points are on their surfaces."""
+    mechanism, found = system.mechanism, set[str]()
+    view = StateView(mechanism, t0, mechanism.postures(start.state), start.branch, start.state)
+    for point in system.points:
+        if isinstance(point, LegPoint):
+            found |= {point.name} if point.leg.foot is not None else set()
+            continue
+        place = [view[name] if name else 0.0 for name in point.names]
+        _, size = point.frame(t0, np.array(place), mechanism.scene.plane, Footing())
+        if abs(point.surface.at(t0, place)[0]) <= NEAR_AT_START * size:
+            found.add(point.name)
+    return frozenset(found)
