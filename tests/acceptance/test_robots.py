@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import vlmb
 from vlmb.system.robot_engine import RobotEngine
@@ -17,6 +18,7 @@ HUMANOID = Path(__file__).resolve().parents[2] / "models" / "robots" / "humanoid
 MOST = 5.0  # times crba, nonLinearEffects and the Cholesky
 
 
+@pytest.mark.acceptance
 def test_an_evaluation_of_a_humanoid_costs_at_most_five_times_the_bare_calls() -> None:
     system = make_robot_system(vlmb.build(vlmb.load_scene(HUMANOID)))  # type: ignore[arg-type]
     start = robot_start(system)

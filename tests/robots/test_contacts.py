@@ -172,3 +172,13 @@ def test_an_event_that_is_none_is_named() -> None:
         vlmb.simulate(block(SOLE, 0.2), until="touch left")
     with pytest.raises(vlmb.TrajectoryError, match="no contact 'sole'"):
         run(block(SOLE, 0.2, start={"root.z": 0.4}), duration=0.01).centre_of_pressure("sole")
+
+
+def test_a_run_ends_where_it_is_asked_to() -> None:
+    up = {"root.z": 0.4, "root.z_dot": 2.0}
+    apex = run(block(SOLE, 0.2, start=up), until="root.z_dot")
+    assert apex.status == "stopped" and apex.t[-1] == pytest.approx(2.0 / 9.81, rel=1e-9)
+    fallen = run(block(SOLE, 0.2, start=up), until="toe_in.z - 0.1")
+    assert fallen["root.z"][-1] == pytest.approx(0.2, abs=1e-9) and "fell through 0" in fallen.message
+    with pytest.raises(vlmb.SceneError, match="toe_out"):
+        run(block(SOLE, 0.2, start=up), until="toe.z - 0.1")

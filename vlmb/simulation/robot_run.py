@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vlmb.errors import SceneError
 from vlmb.model.layout import State
 from vlmb.model.robot_mechanism import RobotMechanism
+from vlmb.scene.expressions import Expression
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End
@@ -35,12 +36,13 @@ Array = NDArray[np.float64]
 def simulate_robots(
     mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None,
     start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None, until: str = "",
+    expression: Expression | None = None,
 ) -> RobotTrajectory:  # fmt: skip
     """Simulate with checked options; see `vlmb.simulate`."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    system = make_robot_system(mechanism, run)
+    system = make_robot_system(mechanism, run, until=expression)
     begin = robot_start(system, t0)
     interrupts.answer()
     if control is not None:

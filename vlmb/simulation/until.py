@@ -32,7 +32,7 @@ def read_until(mechanism: Mechanism | RobotMechanism, until: str | None) -> tupl
         if until.strip() in (event.name for event in mechanism.scene.events):
             return "", until.strip(), None
         if not isinstance(mechanism, Mechanism):
-            raise SceneError(f'until = {until!r:.80}: with robots an event of a contact, such as "touch left"')
+            return "", "", parse(until, "until", mechanism.allowed)
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]

@@ -92,7 +92,9 @@ class RobotEngine:
         """What is looked for after every step."""
         contacts = self.workspace.contacts
         rubbed, touching = () if self.friction is None else FRICTION_EVENTS, () if contacts is None else contacts.events
-        return (*self.limits.events, *rubbed, *touching)
+        until = self.system.until
+        asked = () if until is None else (Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0),)
+        return (*self.limits.events, *rubbed, *touching, *asked)
 
     @property
     def velocities(self) -> slice:
@@ -184,6 +186,8 @@ class RobotEngine:
             found.append(indicators_of(self.friction.found, self.friction.mu, speed, rate))
         if space.contacts is not None:
             found.append(space.contacts.look(t, space.q, space.v, dy[self.velocities], space.multipliers))
+        if self.system.until is not None:
+            found.append(np.array([[space.laws[-1]], [0.0]]))
         return np.hstack(found)
 
     def look_at_contacts(self, t: float, y: Array) -> ContactLook:

@@ -139,8 +139,8 @@ class RobotSolving:
         plan = self.system.plan
         assert plan is not None
         g, _ = self.effects()
-        behind = self.laws[self.system.laws :]
-        border = behind[len(plan.moving.laws) - sum(map(len, plan.moving.border)) :].reshape(-1, self.count) * self.scales
+        behind = self.laws[self.system.laws :][: len(plan.moving.laws)]
+        border = behind[len(behind) - sum(map(len, plan.moving.border)) :].reshape(-1, self.count) * self.scales
         extra: Array = self.scales * (behind[0] / self.scales.prod() * cross(np.vstack([g, border])))
         self.tau += extra.dot(self.columns[self.first_control :])
         return extra

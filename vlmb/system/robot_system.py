@@ -20,10 +20,10 @@ from vlmb.errors import SceneError
 from vlmb.model.laws import parameter_values, prepared, tape_breaks
 from vlmb.model.names import AXES
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.model.robot_names import RobotForce, allowed_names
+from vlmb.model.robot_names import RobotForce
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.by_phase import numbers_of
-from vlmb.scene.expressions import parse_equation
+from vlmb.scene.expressions import Expression, parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import Posture, Run
@@ -68,6 +68,7 @@ class RobotSystem:
     along: Integers
     gains: Array  # (rows, 3 rows) of z, z' and drift: what W vdot shall be
     seen: Integers  # (contacts, 3) quantities that are their points' x, y, z; -1 where there is none
+    until: Expression | None = None  # a run ends where it falls through 0
     contacts: PhaseContacts | None = None  # of a phase
     mover: Callable[[RobotSystem, Sequence[Any], Any], Any] | None = None  # makes its engine: (system, branch, control)
 
@@ -139,7 +140,7 @@ class RobotSystem:
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
         """Return the same system with forces from outside, by name."""
-        made = make_robot_system(self.mechanism, self.run, names)
+        made = make_robot_system(self.mechanism, self.run, names, self.until)
         return dataclasses.replace(made, contacts=self.contacts, mover=self.mover)
 
     def commanded(self, names: Sequence[str]) -> RobotSystem:
@@ -166,14 +167,18 @@ class RobotSystem:
         made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare, began, closed))
         made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
-        system = make_robot_system(made, self.run, None if bare else self.inputs or None)
+        system = make_robot_system(made, self.run, None if bare else self.inputs or None, None if bare else self.until)
         return dataclasses.replace(system, contacts=contacts, mover=self.mover)
 
 
 def make_robot_system(
-    mechanism: RobotMechanism, run: Run | None = None, inputs: Sequence[str] | None = None, **options: Any
-) -> RobotSystem:
-    """Compile all that acts on a mechanism with robots. Raises SceneError for what is wrong with it."""
+    mechanism: RobotMechanism, run: Run | None = None, inputs: Sequence[str] | None = None, until: Expression | None = None,
+    **options: Any,
+) -> RobotSystem:  # fmt: skip
+    """Compile all that acts on a mechanism with robots; a run ends where `until` falls through 0.
+
+    Raises SceneError for what is wrong with it.
+    """
     scene = mechanism.scene
     run = msgspec.structs.replace(scene.run if run is None else run, **options)
     if run.engine == "core":
@@ -181,7 +186,7 @@ def make_robot_system(
     if run.knife_edge == "projection":
         raise SceneError("run.knife_edge = 'projection': with robots there are 'reduction' and 'multiplier'")
     quantities, programme = Quantities(mechanism), scene.programme
-    names = allowed_names(mechanism.names, [*numbers_of(scene), *mechanism.signals])
+    names = mechanism.allowed
     welds, edges, held = _frames_held(quantities)
     rows = rows_of(scene)
     drives = drives_of(mechanism)
@@ -194,7 +199,7 @@ def make_robot_system(
     forces += controls
     along = np.array([_along(quantities, force) for force in forces], np.int64)
     moving = MovingGains() if programme is None else read_moving_gains(mechanism, programme, controls, names)
-    roots += moving.laws
+    roots += [*moving.laws, *([] if until is None else [until])]
     compiled = compile_tape([*equations, *roots], quantities.resolve, mechanism.signals.pieces)
     parameters = parameter_values(numbers_of(scene))
     info = [Constraint(name, not name.startswith("edge:"), False, frozenset(), False) for name in held]
@@ -226,7 +231,7 @@ def make_robot_system(
     return RobotSystem(
         mechanism, run, tuple(inputs or ()), tuple(info), welds, edges, held, tuple(forces), laws, tuple(elastic),
         segments_of(mechanism), drives, plan, posture, compiled, parameters, pack(parts), readings, along, law,
-        seen.reshape(-1, 3),
+        seen.reshape(-1, 3), until,
     )  # fmt: skip
 
 

@@ -78,7 +78,7 @@ class RobotWorkspace(RobotSolving):
             (self.bodies.joint[1 : self.joints, COUNT] == 1).all()
         )
         self.multipliers = np.zeros(self.eliminated)
-        behind = 0 if system.plan is None else len(system.plan.moving.laws)
+        behind = (0 if system.plan is None else len(system.plan.moving.laws)) + (system.until is not None)
         self.laws = np.zeros(system.laws + behind) if behind else self.values
         self.evaluations = 0
         self.lost = 0.0
@@ -234,6 +234,9 @@ class RobotWorkspace(RobotSolving):
         bad = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(~np.isfinite(sizes))))
         for k, value in enumerate(self.laws[: len(self.system.compiled.rows)].tolist()):
             if math.isfinite(value):
+                continue
+            if k >= self.system.laws and self.system.until is not None and k == len(self.laws) - 1:
+                bad.append(repr(self.system.until.text))
                 continue
             if k >= self.system.laws and self.system.plan is not None:
                 return self.system.plan.moving.failure(k - self.system.laws, value)
