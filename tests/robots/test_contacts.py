@@ -182,3 +182,20 @@ def test_a_run_ends_where_it_is_asked_to() -> None:
     assert fallen["root.z"][-1] == pytest.approx(0.2, abs=1e-9) and "fell through 0" in fallen.message
     with pytest.raises(vlmb.SceneError, match="toe_out"):
         run(block(SOLE, 0.2, start=up), until="toe.z - 0.1")
+
+
+def test_a_programme_and_a_force_act_while_a_foot_is_down() -> None:
+    scene = biped()
+    legs = ["left_leg", "right_leg"]
+    scene["programme"] = {
+        "constraints": [f"{leg} = 0.05*sin(20*t)" for leg in legs], "controls": [f"T_{leg}" for leg in legs], "frequency": 20.0,
+        "closed": ["left_toe_in"],
+    }  # fmt: skip
+    scene["forces"] = [{"at": "biped.torso", "force": ["0", "0", "-20"], "closed": ["right_toe_in"]}]
+    trajectory = run(scene)
+    assert trajectory.status in ("finished", "stopped") and trajectory.events, trajectory.message
+    up = trajectory.t < trajectory.events[0].t
+    assert not trajectory.controls["T_left_leg"][up].any() and not trajectory.controls["R_biped.torso.z"][up].any()
+    down = np.flatnonzero(trajectory.reactions["left_toe_in"][:, 2] > 0.0)
+    assert (trajectory.controls["R_biped.torso.z"][down] == -20.0).all() and trajectory.controls["T_left_leg"][down].any()
+    assert np.abs(trajectory["balance"]).max() < 1e-7

@@ -61,8 +61,12 @@ class Histories:
         engine = RobotEngine(system, began)
         space, first_row = engine.workspace, system.first_drive
         places = {name: [k for k, row in enumerate(system.info) if row.text == name] for name in self.rows}
+        places = {name: at for name, at in places.items() if at}
+        acting = places_of(system, self.system)
+        self.values[first : first + len(taken[0])] = 0.0  # of what does not act in this phase
         for i, (t, y, inputs) in enumerate(zip(taken[0].tolist(), *taken[1:], strict=True), first):
             if np.isnan(inputs).any():
+                self.values[i] = np.nan
                 continue
             try:
                 space.take_inputs(inputs)
@@ -70,9 +74,10 @@ class Histories:
                 now = space.evaluate(t, np.array(y), inputs)
             except VlmbError:
                 if failed:
+                    self.values[i] = np.nan
                     continue
                 raise
-            self.values[i], self.powers[i], self.snow[i] = now.values, now.powers, now.snow
+            self.values[i, acting], self.powers[i], self.snow[i] = now.values, now.powers, now.snow
             self.drives[i] = now.multipliers[first_row : first_row + len(system.drives)]
             for name, at in places.items():
                 self.errors[name][i] = np.abs(now.residuals[:2, at]).max(axis=1) if len(at) > 1 else now.residuals[:2, at[0]]
@@ -115,6 +120,14 @@ class Histories:
             "residuals": residuals, "conditions": read_only(conditions), "report": self.report,
             "powers": {name: read_only(self.powers[:, k]) for k, name in enumerate(system.work_names)},
         }  # fmt: skip
+
+
+def places_of(phase: RobotSystem, whole: RobotSystem) -> list[int]:
+    """Return where the forces of a phase stand among those of the whole run, of which they are some in the same order."""
+    found, every = list[int](), iter(enumerate(whole.forces))
+    for force in phase.forces:
+        found.append(next(at for at, other in every if other == force))
+    return found
 
 
 def robot_histories(

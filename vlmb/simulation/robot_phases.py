@@ -40,6 +40,10 @@ class RobotPhases(PhasedRun):
         self.given: list[float] | None = None  # these: from outside, and of the programme
         super().__init__(asked, run, y, times, breaks, start, bounds, [], control, progress, longest, until)
 
+    def _breaks(self, system: Any, start: float, end: float) -> Sequence[float]:
+        found: Sequence[float] = system.breaks(start, end)
+        return found
+
     def _branch_at(self, y: Array) -> list[Any]:
         return list(self.branch)
 
@@ -90,9 +94,8 @@ class RobotPhases(PhasedRun):
             return super()._under_forces(y, closed)
         if self.torques is None:
             system: Any = self.system
-            controls = system.forces[len(system.forces) - len(system.plan.names) :]
-            names = (*system.inputs, *(force.name for force in controls))
-            self.torques = Probe(system.commanded(names), system.engine, False, self.t, [Footing()] * len(self.points), closed)
+            commanded, apart = system.commanded(self._commands(system)), [Footing()] * len(self.points)
+            self.torques = Probe(commanded, system.engine, False, self.t, apart, closed)
         return self.torques.at(self.t, y, self._branch_at(y), self.works, self.given)
 
     @staticmethod
@@ -111,8 +114,16 @@ class RobotPhases(PhasedRun):
                 footings[k] = self.points[k].footing_at(state, self.t, jets[k, :3, 0], self.plane, (ahead, aside, up))
         engine: Any = self._mover(footings)
         engine.evaluate(self.t, y)
-        found: list[float] = engine.workspace.values[engine.system.laws :].tolist()
-        return found
+        system: Any = self.system
+        own = engine.system.forces[engine.system.laws :]
+        acting = dict(zip((force.name for force in own), engine.workspace.values[engine.system.laws :].tolist(), strict=True))
+        return [acting.get(name, 0.0) for name in self._commands(system)]
+
+    @staticmethod
+    def _commands(system: RobotSystem) -> tuple[str, ...]:
+        """Name the forces from outside, and the controls of a programme."""
+        count = 0 if system.plan is None else len(system.plan.names)
+        return (*system.inputs, *(force.name for force in system.forces[len(system.forces) - count :]))
 
     def _view(self, y: Array) -> Any:
         engine = self._mover_of(y)

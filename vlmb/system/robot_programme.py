@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import RobotForce
+from vlmb.scene.by_phase import keyed
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Posture, Programme, Run
 from vlmb.system.constraints import Constraint
-from vlmb.system.gains import VARY, MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
-from vlmb.system.programme import ProgrammePlan, check_border
+from vlmb.system.gains import MovingGains, fixed_number, moving_gains
+from vlmb.system.programme import ProgrammePlan, check_border, secondary_gains_of, united_decay, united_gains
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,11 @@ def _scales(mechanism: RobotMechanism, programme: Programme, controls: Sequence[
     ])  # fmt: skip
 
 
+def posture_of(programme: Programme) -> Posture:
+    """Return the posture of a programme, the first one of several that act at once."""
+    return next((part.posture for _, part in keyed(programme) if part.posture is not None), Posture())
+
+
 def read_moving_gains(
     mechanism: RobotMechanism, programme: Programme, controls: Sequence[RobotForce], names: Collection[str]
 ) -> MovingGains:
@@ -67,7 +72,7 @@ def make_robot_plan(
     if len(rows) > len(controls):
         raise SceneError(f"programme: {len(rows)} rows need at least as many controls; there are {len(controls)}")
     known = mechanism.names.forces
-    for name in (programme.posture or Posture()).weights:
+    for name in posture_of(programme).weights:
         if f"T_{name}" not in known:
             joints = [force.along for force in known.values() if force.joint]
             raise SceneError(f"programme.posture.weights.{name}: no joint of a robot; {nearest(name, joints)}")
@@ -77,18 +82,13 @@ def make_robot_plan(
     step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
     own = max(1.0, math.sqrt(max(mechanism.scene.gravity, 1e-3)))
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
-    h, k = gain_matrices(programme, holonomic.tolist(), own, step, mechanism.scene.parameters)
-    decay = VARY
-    if all(entry.kind == "weights" for entry in moving.entries):
-        decay = stability_report(h, k, holonomic.tolist(), run.method, step or 0.0, programme.gains)
+    h, k = united_gains(keyed(programme), holonomic, own, step, mechanism.scene.parameters)
+    decay = united_decay(programme, holonomic, h, k, moving, run.method, step)
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:
-        frequency = programme.secondary_frequency or programme.frequency
-        given = msgspec.structs.replace(
-            programme, frequency=frequency, gains=None if frequency is not None else "auto", damping_ratio=1.0, h=None, k=None
-        )
-        second_h, second_k = gain_matrices(given, second_holonomic.tolist(), own, step)
+        given = [(key, secondary_gains_of(part)) for key, part in keyed(programme) if part.secondary]
+        second_h, second_k = united_gains(given, second_holonomic, own, step, {})
     return ProgrammePlan(
         tuple(row.text for row in rows), tuple(force.name for force in controls), _scales(mechanism, programme, controls),
         holonomic, h, k, decay, moving, second_holonomic, second_h, second_k,

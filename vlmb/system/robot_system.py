@@ -35,7 +35,7 @@ from vlmb.system.prescribed import Prescribed, breaks_of_law, require_inside
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
 from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of
-from vlmb.system.robot_programme import make_robot_plan, read_moving_gains
+from vlmb.system.robot_programme import make_robot_plan, posture_of, read_moving_gains
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -96,6 +96,11 @@ class RobotSystem:
     def on_ski(self) -> bool:
         """Whether there is a ski with its knife edge."""
         return self.mechanism.scene.base.kind == "ski"
+
+    @property
+    def prescribed(self) -> tuple[Prescribed, ...]:
+        """Lengths by laws that go by when a phase began: none with robots."""
+        return ()
 
     @property
     def servo(self) -> int:
@@ -227,7 +232,7 @@ def make_robot_system(
     law = np.hstack([h, k, -np.eye(len(info))])
     if scene.base.kind == "ski" and run.knife_edge == "reduction":  # it begins at 0 and stays there
         law[len(held)] = 0.0
-    posture = None if programme is None or programme.u0 is not None else programme.posture or Posture()
+    posture = None if programme is None or programme.u0 is not None else posture_of(programme)
     return RobotSystem(
         mechanism, run, tuple(inputs or ()), tuple(info), welds, edges, held, tuple(forces), laws, tuple(elastic),
         segments_of(mechanism), drives, plan, posture, compiled, parameters, pack(parts), readings, along, law,
