@@ -50,7 +50,7 @@ class Checked(NamedTuple):
             return self.mechanism.table.velocities - self.start.rank  # whose rows are all of these
         layout = self.mechanism.layout
         prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in layout.links for at in (e.lower, e.upper))
-        return len(layout.names) - prescribed - (layout.base == "ski") - self.start.rank
+        return len(layout.names) - prescribed - layout.edged - self.start.rank
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from vlmb.simulation.phases import Event, Stretch
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, SLIDING, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -202,12 +202,13 @@ class PhasedRun(LegSteps):
             touches = not isinstance(point, LegPoint) and at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR
             if at.state in CLOSED or (touches and point.index != c):
                 near.append(point.index)
-        opening, leaving = set[int](), dict[int, Array]()
+        opening, leaving = set[int](), dict[int, tuple[int, Array]]()
         if hit.name == OPENS:
             weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
-            opening = {k for k, force in forces.items() if force[2] <= LIGHT * weight} | {c}
+            carry = [k for k in forces if footings[k].state != RESTING]
+            opening = {k for k in carry if forces[k][2] <= LIGHT * weight} | {c}
         elif hit.name == SLIPS and c in forces:
-            leaving[c] = forces[c][:2]
+            leaving[c] = hit.part, forces[c][:2]
         near, landing = sorted(set(near)), [k for k in landing if footings[k].state in CLOSED]
         out = self._settled(hit, footings, near, opening, leaving, landing, before)
         if not lost or out.event is None:

@@ -36,6 +36,9 @@ def snow_of(system: RobotSystem) -> tuple[str, ...]:
     return (*found, *rubbed) if system.on_ski else ()
 
 
+ALONG_X = (1.0, 0.0)  # a heading, which contacts other than a ski's do not go by
+
+
 class Histories:
     """What is found at the samples of a run; nan where nothing is known."""
 
@@ -95,8 +98,8 @@ class Histories:
         for point, footing in zip(self.system.points, footings, strict=True):
             if footing.state in CLOSED:
                 count = len(point.row_texts(footing))
-                place, speed = places[point.index, :, 0], places[point.index, :, 1]
-                self.contacts[point.name][i] = force_of(point, footing, t, place, speed, space.multipliers[at : at + count])
+                (place, speed), own = places[point.index, :, :2].T, space.multipliers[at : at + count]
+                self.contacts[point.name][i] = force_of(point, footing, t, place, speed, own, ALONG_X)
                 at += count
 
     def told(self) -> dict[str, Any]:

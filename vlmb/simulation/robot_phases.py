@@ -54,7 +54,7 @@ class RobotPhases(PhasedRun):
 
     def _modes_under(
         self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
-        speeds: Mapping[int, Array], leaving: Mapping[int, Array],
+        speeds: Mapping[int, Array], leaving: Mapping[int, tuple[int, Array]],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
         """Return the modes that follow under the torques that the programme gives in these modes."""
         system: Any = self.system
@@ -88,6 +88,15 @@ class RobotPhases(PhasedRun):
             self.given = None
         touching = listed([self.points[k].name for k in resting])
         return {}, {}, f"no modes of the contacts {touching} go on: in each the torques of the programme lead to others"
+
+    def _carried_by_others(
+        self, y: Array, footings: tuple[Footing, ...], among: Sequence[int], frames: Mapping[int, Array], light: Collection[int]
+    ) -> tuple[tuple[Footing, ...] | None, set[int]]:
+        """Let all contacts carry under a programme, whose torques go by which do."""
+        system: Any = self.system
+        if system.plan is not None:
+            return None, set()
+        return super()._carried_by_others(y, footings, among, frames, light)
 
     def _under_forces(self, y: Array, closed: Collection[str]) -> Answers:
         if self.given is None:

@@ -37,7 +37,7 @@ def read_until(mechanism: Mechanism | RobotMechanism, until: str | None) -> tupl
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]
     stops = stop_points(mechanism) if isinstance(mechanism, Mechanism) else ()
-    contacts = [*mechanism.scene.touching, *(point.name for point in stops)]
+    contacts = [*mechanism.scene.closing, *(point.name for point in stops)]
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:

@@ -218,6 +218,9 @@ def told(mechanism: Mechanism, seen: Postures) -> list[str]:
     if base.friction:
         by = "the normal force" if base.friction_on == "normal" else "the resultant of normal and edge force"
         found.append(f"base: Coulomb friction {base.friction:g} of {by}")
+    if base.lift:
+        ratios = "" if base.hold is None else f", its edge holds {base.hold:g} times the normal force"
+        found.append(f"base: leaves the snow where it would have to pull{ratios}")
     if base.drag:
         found.append(f"base: drag {base.drag:g} kg/m by the velocity of {base.drag_at}")
     return found

@@ -9,16 +9,12 @@ from numpy.typing import NDArray
 
 from vlmb.core import frame_rows
 from vlmb.core.calls import direct
-from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, PLAIN, SLIDING, STILL, UNDER, PhaseContacts
+from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, PLAIN, RESTING, SLIDING, STILL, UNDER, PhaseContacts
 from vlmb.system.events import CONTACT, FALLING, OPENS, REARMS, RISING, SLIPS, STICKS, TOUCHES, Event
-from vlmb.system.least_reactions import Part, least
 from vlmb.system.slips import Slide, Slips, way_of
 
 Array = NDArray[np.float64]
 
-FREE = 1e-9  # of rows: below it a combination pushes on nothing
-KEPT = 1e-6  # of the weight, and of a cone, that shared forces keep
-MOST = 1e3  # slope of the cone of a rough contact, as far as forces are shared
 read_all: Any = direct(frame_rows.read_all)
 rows_of_quantities: Any = direct(frame_rows.rows_of_quantities)
 
@@ -40,7 +36,6 @@ class RobotContacts(Slips):
         self.slides: list[Slide] = []
         system = space.system
         self.first = system.eliminated - len(system.mechanism.scene.constraints)  # of the scene's ideal rows
-        self.weight = system.mechanism.table.mass * (system.mechanism.scene.gravity or 1.0)
         works = system.work_names
         self.works = {name: at for at, name in enumerate(works) if name.startswith(("friction ", "surface "))}
 
@@ -95,57 +90,31 @@ class RobotContacts(Slips):
             jet[3, 0] -= footing.gap
         return found
 
-    def shared(self, multipliers: Array) -> Array:
-        """Return multipliers (of all held rows) with contact forces that their cones admit, where these do the same.
-
-        Those that the motion has are the least. Where redundant contacts would pull or slip by them, others may do as well: each
-        then keeps a little of the weight and of its cone.
-        """
-        closed = self.contacts.closed
-        columns, parts, spare = list[int](), list[Part](), list[float]()
-        for point, footing, row, count in closed:
-            slope = (0.0 if footing.state == SLIDING or count == 1 else MOST if point.rough else point.at_rest) * (1.0 - KEPT)
-            parts.append(Part(tuple(range(len(columns), len(columns) + count)), slope))
-            columns += range(self.first + row, self.first + row + count)
-            spare += [KEPT * self.weight, *[0.0] * (count - 1)]
-        own = multipliers[columns]
-        if all(own[part.columns[0]] > 0.0 and self._within(own, part) for part in parts):
-            return multipliers
-        rows, light = self.space.pushes()[columns].T, np.array(spare)
-        if np.linalg.matrix_rank(rows, tol=FREE * float(np.abs(rows).max())) == len(columns):
-            return multipliers
-        found = least(rows, rows @ (own - light), parts)
-        if found is None:
-            return multipliers
-        other = multipliers.copy()
-        other[columns] = found + light
-        return other
-
-    @staticmethod
-    def _within(forces: Array, part: Part) -> bool:
-        return part.slope == 0.0 or float(np.linalg.norm(forces[list(part.columns[1:])])) <= part.slope * forces[part.columns[0]]
-
     @property
     def events(self) -> tuple[Event, ...]:
         """What is looked for of all contacts."""
         found, light = [], LIGHT * self.space.system.mechanism.table.mass
         for k, (point, footing) in enumerate(zip(self.contacts.points, self.contacts.footings, strict=True)):
             if footing.state in CLOSED:
-                found.append(Event(CONTACT, FALLING, OPENS, "", k, light))
+                if footing.state == RESTING:
+                    continue
+                found.append(Event(CONTACT, FALLING, OPENS, "", k, slack=light))
                 if point.contact.slips:
                     kind = SLIPS if footing.state == HELD else STICKS
-                    found.append(Event(CONTACT, FALLING, kind, "", k, STILL if kind == STICKS else light))
+                    found.append(Event(CONTACT, FALLING, kind, "", k, slack=STILL if kind == STICKS else light))
             elif footing.state == OPEN:
-                found.append(Event(CONTACT, FALLING, TOUCHES, "", k, UNDER))
+                found.append(Event(CONTACT, FALLING, TOUCHES, "", k, slack=UNDER))
             else:
-                found.append(Event(CONTACT, RISING, REARMS, "", k, 0.0))
+                found.append(Event(CONTACT, RISING, REARMS, "", k, slack=0.0))
         return tuple(found)
 
     def look(self, t: float, q: Array, v: Array, vdot: Array, multipliers: Array) -> Array:
         """Return the indicators of these events and their rates (2, e)."""
         jets, found = self.jets(t, q, v, vdot), list[tuple[float, float]]()
-        closed = iter(self.indicators(t, jets, self.shared(multipliers)[self.first :]))
+        closed = iter(self.indicators(t, jets, multipliers[self.first :], q))
         for point, footing in zip(self.contacts.points, self.contacts.footings, strict=True):
+            if footing.state == RESTING:
+                continue
             if footing.state in CLOSED:
                 found += [(next(closed), 0.0) for _ in range(1 + point.contact.slips)]
             else:

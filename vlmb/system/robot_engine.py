@@ -197,7 +197,7 @@ class RobotEngine:
         assert contacts is not None
         jets = contacts.jets(t, space.q, space.v, rates[self.velocities])
         ways = np.array(contacts.last).reshape(-1, 3)
-        return ContactLook(jets, np.array(contacts.shared(space.multipliers)[contacts.first :]), ways, rates)
+        return ContactLook(jets, np.array(space.multipliers[contacts.first :]), ways, rates)
 
     def hold_inputs(self, values: Sequence[float] | Array) -> None:
         """Let forces from outside have these values (S,), where no control is asked for them."""
