@@ -29,5 +29,6 @@ for time, off in zip(times, sways, strict=True):
 best = next(time for time, off in zip(times, sways, strict=True) if off < 0.15)
 run = carry(best)
 hoist, slewing = run.controls["F2_1"], np.abs(run.reactions["slewing"])
-print(f"in {best:.1f} s the load comes to rest within 0.15 m; a rope of 6 m swings to and fro in {2 * np.pi * np.sqrt(6 / 9.81):.1f} s")
+period = 2.0 * np.pi * np.sqrt(6.0 / 9.81)  # of 6 m of rope
+print(f"in {best:.1f} s the load comes to rest within 0.15 m; the rope swings to and fro in {period:.1f} s")
 print(f"the hoist carries {-hoist.max():.0f} to {-hoist.min():.0f} N, the slewing gear up to {slewing.max():.0f} N m")

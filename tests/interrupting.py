@@ -27,6 +27,11 @@ SHORT: Table = {
     "name": "short", "base": PIVOT, "links": [link("leg")], "start": {"psi1": 0.4, "phi1": 0.2},
     "run": {"duration": 0.2, "rtol": 1e-8, "samples": 10},
 }  # fmt: skip
+PHASED: Table = {
+    "name": "short", "plane": True, "base": {"kind": "free", "mass": 1.0}, "start": {"z": 0.05, "x_dot": 0.5},
+    "contacts": [{"point": "base", "friction": 0.3, "restitution": 0.5}],
+    "run": {"duration": 0.15, "rtol": 1e-8, "samples": 10},
+}  # fmt: skip
 SLOW = SHORT | {"name": "slow", "run": {"duration": 40.0, "method": "rk4", "step": 4e-6, "samples": 1000}}
 
 
@@ -66,6 +71,11 @@ def lines_of(arguments: list[str]) -> list[tuple[str, int]]:
     finally:
         sys.settrace(before)
     return found
+
+
+def last_passes(lines: list[tuple[str, int]]) -> list[int]:
+    """Return where each line comes last."""
+    return sorted({line: number for number, line in enumerate(lines, 1)}.values())
 
 
 def interrupted_at(number: int, arguments: list[str], capsys: pytest.CaptureFixture[str], sent: int = signal.SIGINT) -> Outcome:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -14,8 +16,10 @@ import pytest
 import vlmb
 from tests.interrupting import (
     PACKAGE,
+    PHASED,
     SHORT,
     interrupted_at,
+    last_passes,
     lines_of,
     moments,
     require_kept,
@@ -52,9 +56,8 @@ def own(lines: list[tuple[str, int]]) -> list[int]:
 def test_an_interrupt_at_any_line_of_a_run(first: int, sent: int, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     earlier = (out / "run.npz").read_bytes()
     lines = lines_of(COMMAND)
-    numbers = sorted({line: number for number, line in enumerate(lines, 1)}.values())  # where each line comes last
     kept = 0
-    for number in numbers[4 * first + 2 * (sent == signal.SIGTERM) :: STRIDE]:
+    for number in last_passes(lines)[4 * first + 2 * (sent == signal.SIGTERM) :: STRIDE]:
         (out / "run.npz").write_bytes(earlier)
         try:
             outcome = interrupted_at(number, COMMAND, capsys, sent)
@@ -65,6 +68,22 @@ def test_an_interrupt_at_any_line_of_a_run(first: int, sent: int, out: Path, cap
         require_kept(out, earlier, outcome)
         kept += outcome.under_way
     assert kept > 5  # so many runs were interrupted after their first sample
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_at_lines_of_a_run_in_phases(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_toml(out.parent / "short.toml", PHASED)
+    earlier, lines, kept = (out / "run.npz").read_bytes(), lines_of(COMMAND), 0
+    for number in last_passes(lines)[5::100]:
+        (out / "run.npz").write_bytes(earlier)
+        try:
+            outcome = interrupted_at(number, COMMAND, capsys)
+        except KeyboardInterrupt:
+            assert number in own(lines), lines[number - 1]
+            continue
+        require_kept(out, earlier, outcome)
+        kept += outcome.under_way
+    assert kept > 10
 
 
 @pytest.mark.parametrize("number", range(10))
@@ -102,6 +121,18 @@ def test_an_interrupt_within_a_slow_control_is_answered_before_the_next_call(eng
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert run.status == "interrupted" and len(calls) == 60 and 0 < len(run) < 200
     assert np.isfinite(run.controls["M_psi1"][:-1]).all()
+
+
+def test_an_interrupt_within_a_compiled_method_is_no_system_error() -> None:
+    """Sent to the process by another thread: it comes while Pinocchio computes, where an exception would be one of C's."""
+    found = []
+    with usual_signals():
+        for number in range(8):
+            timer = threading.Timer(0.01 + 0.005 * number, os.kill, (os.getpid(), signal.SIGINT))
+            timer.start()
+            found.append(vlmb.simulate(bent(PIVOT, 3), duration=60.0, engine="pinocchio"))
+            timer.join()
+    assert {run.status for run in found} == {"interrupted"} and all(np.isfinite(run["psi1"]).all() for run in found)
 
 
 def test_an_interrupt_of_a_run_within_a_control_ends_both() -> None:

@@ -75,6 +75,7 @@ __all__ = [
     "check",
     "closed_form",
     "equations_of_motion",
+    "find_gait",
     "fit",
     "hinge_moments",
     "inverse",
@@ -104,6 +105,7 @@ Displayed.card = staticmethod(_card)
 if TYPE_CHECKING:
     from vlmb.equations import closed_form, hinge_moments
     from vlmb.studies.fit import fit
+    from vlmb.studies.gaits import find_gait
     from vlmb.studies.linearize import linearize
     from vlmb.studies.periodic import periodic
     from vlmb.studies.sampling import sample
@@ -119,8 +121,8 @@ else:
         "view": "vlmb.views.view",
     }
     STUDIES = {
-        name: "sampling" if name == "sample" else name
-        for name in ("fit", "linearize", "periodic", "sample", "sensitivities", "steady", "sweep")
+        name: {"sample": "sampling", "find_gait": "gaits"}.get(name, name)
+        for name in ("find_gait", "fit", "linearize", "periodic", "sample", "sensitivities", "steady", "sweep")
     }  # functions and the modules of studies that they stand in
 
     def __getattr__(name: str) -> Any:

@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any
 
 TITLES = {
-    "lines": "Ctrl-C at a line of a run's code",
+    "lines": "Ctrl-C at every line of a short run's code, each time that it is passed",
+    "phases": "Ctrl-C at every line of a short run's code with contacts, the last time that it is passed",
     "signals": "SIGINT or SIGTERM to a process at a random moment",
     "runs": "damaged or malicious stored runs",
     "scenes": "damaged or malicious scenes",
     "metamorphic": "random scenes, each told in a dozen words: turned, mirrored, later, heavier, larger, by the other engine",
+    "contacts": "the same of links that are thrown at the ground, bounce, slip and stay",
+    "singular": "the same of closed loops that start in line",
+    "spared": "the same of programmes with `u0` and `border`",
     "threads": "runs in sixteen threads, compared bit for bit",
 }
 

@@ -1,4 +1,4 @@
-"""A thousand random scenes, each told in a dozen words: `scripts/acceptance -k metamorphic` keeps the counts."""
+"""Random scenes, a thousand and some hundreds, each told in a dozen words: `scripts/acceptance -k metamorphic` keeps counts."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ from pathlib import Path
 
 import pytest
 
-import vlmb
 from tests.acceptance.promises import keep
-from tests.metamorphic import judge, make
+from tests.metamorphic import judge
+from tests.metamorphic_kinds import KINDS
 
-SCENES = 1000
+SCENES, LATER = 1000, 200
 SLOWEST = 10.0  # [s] of a run
 
 
 @pytest.mark.acceptance
-def test_promises_metamorphic(results: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("what", "kind", "scenes"), [
+    ("metamorphic", "every kind of base, link and force", SCENES), ("contacts", "contacts", LATER),
+    ("singular", "singular starts", LATER), ("spared", "controls to spare", LATER),
+])  # fmt: skip
+def test_promises_metamorphic(what: str, kind: str, scenes: int, results: Path, tmp_path: Path) -> None:
     found: Counter[str] = Counter({"right": 0, "said": 0, "wrong without a word": 0, "refused": 0})
-    vlmb.simulate(make(0))  # compiled before anything is timed
+    maker = KINDS[kind]
+    judge(0, tmp_path, maker)  # compiled before anything is timed
     wrong, slowest = [], 0.0
-    for seed in range(SCENES):
-        why, verdicts = judge(seed, tmp_path)
+    for seed in range(scenes):
+        why, verdicts = judge(seed, tmp_path, maker)
         found["refused"] += bool(why)
         for verdict in verdicts:
             found["wrong without a word" if verdict.word == "wrong" else verdict.word] += 1
@@ -29,8 +34,8 @@ def test_promises_metamorphic(results: Path, tmp_path: Path) -> None:
             if verdict.word == "wrong":
                 wrong.append((seed, *verdict))
     tried = sum(found.values())
-    keep(results, "metamorphic", tried, found)
+    keep(results, what, tried, found)
     print(f"{tried} tried: {dict(found)}; the slowest took {slowest:.1f} s")
     assert not wrong
-    assert found["refused"] <= 0.05 * SCENES
+    assert found["refused"] <= 0.05 * scenes
     assert slowest < SLOWEST

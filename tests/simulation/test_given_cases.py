@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -76,3 +77,48 @@ def test_rows_that_contradict_each_other_away_from_a_pole_are_told_as_that(engin
     found = vlmb.simulate(made, 1.0, engine=engine)
     assert found.status == "failed"
     assert "contradict each other here: drop one" in found.message
+
+
+@LONG
+@pytest.mark.parametrize(("method", "most"), [("dop853", 10_000), ("adams", 5_000), ("radau", 60_000)])
+def test_the_end_of_a_law_is_not_crawled_up_to(method: str, most: int) -> None:
+    """At t = 1 the root has no slope, beyond it no value."""
+    scene = {"base": {"kind": "pivot"}, "links": [{"name": "a", **BAR}], "forces": [{"on": "M_psi1", "law": "sqrt(1 - t)"}]}
+    found = vlmb.simulate(scene, 2.0, method, start={"psi1": 0.3})
+    assert found.message == "failed at t = 1 s: the law 'sqrt(1 - t)' of the force on M_psi1 has no finite value"
+    assert found.stats["rhs_evaluations"] < most
+
+
+@pytest.mark.parametrize("method", ["dop853", "adams", "bdf"])
+def test_what_rests_takes_long_steps(method: str) -> None:
+    scene = {"base": {"kind": "free", "mass": 1.0}, "links": [{"name": "a", **BAR}], "gravity": 0.0}
+    found = vlmb.simulate(scene, 30.0, method)
+    assert found.status == "finished" and found.stats["rhs_evaluations"] < 300
+
+
+@LONG
+def test_a_glide_under_a_control_keeps_to_its_samples() -> None:
+    """With a control a step is a sample long at most, and hardly shorter."""
+    scene = {"base": {"kind": "ski", "mass": 5.0, "inertia": 0.6}, "links": [{"name": "a", **BAR}], "start": {"speed": 5.0}}
+    run = {"fall": False, "samples": 60.0}
+    found = vlmb.simulate({**scene, "run": run}, 5.0, "adams", control=lambda t, view: {"F_x": 0.1})
+    assert found.status == "finished" and 300 <= found.stats["steps"] < 900
+
+
+def test_samples_beyond_memory_are_refused() -> None:
+    scene = {"base": {"kind": "pivot"}, "links": [{"name": "a", **BAR}]}
+    for run in ({"samples": 1e12}, {"duration": 1e9, "samples": 1e3}):
+        with pytest.raises(vlmb.SceneError, match="at most 10000000 samples"):
+            vlmb.simulate({**scene, "run": run})
+
+
+@LONG
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+def test_a_short_run_of_a_scene_that_is_built_takes_few_milliseconds(engine: str) -> None:
+    scene = {"base": {"kind": "pivot"}, "links": [{"name": "a", **BAR}], "forces": [{"on": "M_psi1", "law": "sin(3*t)*exp(-t)"}]}
+    made, spent = vlmb.build(scene), []
+    for _ in range(6):
+        began = time.thread_time()
+        vlmb.simulate(made, 0.01, engine=engine)
+        spent.append(time.thread_time() - began)
+    assert min(spent) < 0.012

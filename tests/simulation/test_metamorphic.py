@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.metamorphic import Words, judge, make, run, tellings
+from tests.metamorphic_kinds import KINDS
 from vlmb.core.jit import COMPILED
 
 
@@ -20,6 +21,16 @@ def test_scenes_told_in_other_words(first: int, tmp_path: Path) -> None:
         wrong = [(seed, *verdict) for verdict in verdicts if verdict.word == "wrong"]
         assert not wrong
     assert refused <= 1
+
+
+@pytest.mark.skipif(not COMPILED, reason="too slow in plain Python")
+@pytest.mark.parametrize("kind", ["contacts", "singular starts", "controls to spare"])
+def test_scenes_of_later_kinds_told_in_other_words(kind: str, tmp_path: Path) -> None:
+    for seed in range(2):
+        why, verdicts = judge(seed, tmp_path, KINDS[kind])
+        assert not why and len(verdicts) > 7
+        assert not [(seed, *verdict) for verdict in verdicts if verdict.word == "wrong"]
+        assert sum(verdict.word == "right" for verdict in verdicts) >= len(verdicts) - 1  # adams does not leave a line-up
 
 
 def test_words_change_a_scene_and_a_wrong_motion_is_found() -> None:

@@ -7,6 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import vlmb
+from tests.metamorphic import Words
+from tests.metamorphic_kinds import contacts
 from tests.simulation.walkers import TIGHT, compass, simplest, wheel
 
 ENGINES = ["core", "pinocchio"]
@@ -260,6 +262,18 @@ def test_until_ends_a_run(engine):
         vlmb.simulate(ball, until="touch foot")
     with pytest.raises(vlmb.SceneError, match="no such event"):
         vlmb.simulate(ball, until="tuch base")
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_run_goes_on_where_a_foot_is_held(engine):
+    """The foot that the first run leaves moves by rounding, in any direction: no impact."""
+    scene = contacts(25, Words())
+    first = vlmb.simulate(scene, 0.3, engine=engine)
+    assert first.phases[-1].closed == ("foot_a",)
+    second = vlmb.simulate(scene, 0.1, start=first.end, t0=0.3, engine=engine)
+    assert second.status == "finished" and not second.events and second.phases[0].closed == ("foot_a",)
+    whole = vlmb.simulate(scene, 0.4, engine=engine)
+    assert second.position("a", "tip")[-1] == pytest.approx(whole.position("a", "tip")[-1], abs=1e-9)
 
 
 def test_figures_and_tables_show_forces_of_contacts():

@@ -174,3 +174,23 @@ def test_a_start_takes_few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RowSet, "at", counted)
     begun(SKI, [FORE, SIDE])
     assert len(calls) < 30
+
+
+# ---- rates
+
+
+PROGRAMMED = [
+    (PIVOT, ["psi1 = -0.25"], {"psi1": -0.2, "psi1_dot": 0.1, "phi1": -0.9}),
+    (PIVOT, ["leg.direction.z = -0.2"], {"psi1": -0.2, "psi1_dot": 0.1, "phi1": 0.7}),
+    (SKI, ["leg.tip.z = 0.9"], {"psi1": 1.1, "psi1_dot": -0.2, "phi1": 0.4, "phi0": 0.3, "speed": 2.0}),
+]
+
+
+@pytest.mark.parametrize(("base", "rows", "start"), PROGRAMMED)
+def test_a_rate_that_a_row_has_by_rounding_alone_stays(base: Table, rows: list[str], start: dict[str, float]) -> None:
+    """Only the given rate of psi changes the row: its error decays, and the azimuth, which was not given, stays at rest."""
+    programme = {"constraints": rows, "controls": ["M_psi1"], "frequency": 4.0}
+    scene = vlmb.Scene.from_dict({"base": base, "links": [ROD], "start": start, "programme": programme})
+    found = consistent_start(make_system(vlmb.build(scene)))
+    assert found.rates["psi1_dot"] == start["psi1_dot"] and abs(found.rates["phi1_dot"]) < 1e-12
+    assert any("the rate of" in text for text in found.adjustments)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vlmb.scene.by_phase import acting
 from vlmb.scene.contacts import condition_of
 from vlmb.scene.expressions import evaluate
+from vlmb.scene.tables import BASE
 from vlmb.simulation.motion import Motion
 from vlmb.system.beginning import goes_by_phase_time
 from vlmb.system.cone import Grip
@@ -176,8 +177,9 @@ class ContactView:
         return evaluate(condition.expression, {name: view[name] for name in condition.expression.names}) > 0.0
 
     def _angle_to(self, point: ContactPoint) -> float | None:
-        """Return the elevation [rad] of the link that a contact is a point of."""
-        link = self.system.mechanism.names.links.get(point.contact.point.partition(".")[0])
+        """Return the elevation [rad] of the link that a contact is a point of; of a free base that of its first link."""
+        links, owner = self.system.mechanism.names.links, point.contact.point.partition(".")[0]
+        link = links.get(next(iter(links), "") if owner == BASE else owner)
         if link is None:
             return None
         layout = self.system.mechanism.layout

@@ -89,6 +89,8 @@ class PhasedRun(LegSteps):
             if out.event is not None:
                 self.events.append(out.event)
             if out.sentence:
+                if not self.parts:
+                    self._keep_start(out)
                 return "stopped", f"stopped at t = {self.t:.6g} s: {out.sentence}."
             rest = self.times[self.times > self.t] if self.stretches else self.times
             if self.stretches and doubled:
@@ -96,12 +98,11 @@ class PhasedRun(LegSteps):
             if not len(rest):
                 return _finished(last)
             try:
-                mover = self._next(out.footings, doubled)
+                mover, loop = self._begin(out, rest, doubled)
             except VlmbError as error:
+                if not self.parts:
+                    raise
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
-            breaks = [at for at in self.breaks if at > self.t]
-            loop = Loop(mover, self.options, out.y, rest, breaks, self.t, self.bounds, self.tell, self.longest)
-            self.begun, self.mover = (mover, loop, out.footings), mover
             asked = self.until in out.happened
             if self.t >= last or asked:
                 mover.note(self.t, out.y)
@@ -122,6 +123,20 @@ class PhasedRun(LegSteps):
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
 
+    def _keep_start(self, out: Outcome) -> None:
+        """Keep the start of a run that goes no further."""
+        mover, _ = self._begin(out, self.times[:1], told=False)
+        mover.note(self.t, out.y)
+        self._keep(told=True)
+
+    def _begin(self, out: Outcome, times: Array, told: bool) -> tuple[Engine, Loop]:
+        """Begin a phase."""
+        mover = self._next(out.footings, told)
+        breaks = [at for at in self.breaks if at > self.t]
+        loop = Loop(mover, self.options, out.y, times, breaks, self.t, self.bounds, self.tell, self.longest)
+        self.begun, self.mover = (mover, loop, out.footings), mover
+        return mover, loop
+
     def _next(self, footings: tuple[Footing, ...], told: bool) -> Engine:
         """Return the engine of the next phase; it goes on from the last one where nothing was told."""
         before, began, last = self.now, self.began, float(self.times[-1])
@@ -129,7 +144,8 @@ class PhasedRun(LegSteps):
         self.now = self.systems.of(footings, self.began)
         if before is not None and told and self.systems.timed:
             require_going_on(before, began, self.now, self.t)
-        if self.t < last and (self.systems.timed or goes_by_phase(self.systems.scene)):
+        lawful = any(leg.leg.law is not None for leg in self.legs)
+        if self.t < last and (self.systems.timed or lawful or goes_by_phase(self.systems.scene)):
             self.breaks = self._breaks(self.now, self.t, last)
             self.bounds = longest_steps(self.now.mechanism.scene, self.t, last)
         return make_engine(self.now, self.branch, self.control)

@@ -17,7 +17,7 @@ from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
-from vlmb.system.cone import Contact, Refusal, impact, modes
+from vlmb.system.cone import Answer, Contact, Refusal, impact, modes
 from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -71,10 +71,10 @@ class Settling(ContactView):
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
-            y, impact_told, refusal = self._impact(found, taking, frames, approach)
-            if refusal:
+            struck, impact_told, refusal = self._impact(found, taking, frames, approach)
+            if refusal and strikes:
                 return Outcome(footings, self.y, None, refusal)
-            told = impact_told if strikes else {}
+            y, told = (y if refusal else struck), (impact_told if strikes else {})  # without strikes it only mends what is off
             found = self._without_forces(y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         if hit is not None and hit.name in (OPENS, SLIPS) and not strikes:
@@ -189,6 +189,9 @@ class Settling(ContactView):
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
         self.several = self.several or answer.several
+        jammed = self._jammed(answer, taking)
+        if jammed:
+            return self.y, {}, jammed
         p = turn.T @ answer.p
         lost = float(-0.5 * answer.p @ (answer.v + v))
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
@@ -279,6 +282,16 @@ class Settling(ContactView):
             if edge is not None:
                 ways[k] = np.array([found_ways[1], found_ways[0], 0.0])
         return states, ways, ""
+
+    def _jammed(self, answer: Answer, taking: Sequence[int]) -> str:
+        """Say where an impact lets a rough contact slip: friction without bound stops it from below, and nothing presses it."""
+        for at, k in enumerate(taking):
+            if self.points[k].rough and answer.closed[at] and answer.slipping[at][0]:
+                return (
+                    f"contact {self.points[k].name!r} strikes so flat that its rough ground would have to pull to hold it: it "
+                    "scuffs; give it a finite friction, or a `when` if it is not meant to land here"
+                )
+        return ""
 
     def _why_not(self, refusal: Refusal, taking: Sequence[int], what: str) -> str:
         """Say why nothing may follow."""

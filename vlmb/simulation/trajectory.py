@@ -32,7 +32,7 @@ from vlmb.simulation.columns import Column, columns, to_pandas, to_xarray
 from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
-from vlmb.simulation.leg_histories import read_leg
+from vlmb.simulation.leg_histories import feet_at_end, read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
@@ -155,7 +155,8 @@ class Trajectory(Remade, Displayed):
     def end(self) -> End:
         """The last sample, from which another run goes on: `simulate(scene, start=trajectory.end, t0=trajectory.end.time)`."""
         values, rates = self._coordinates
-        return end_of(self._postures, float(self.t[-1]), values[-1], rates[-1])
+        feet = feet_at_end(self.system.points, self.stretches) if self.scene.legs else []
+        return end_of(self._postures, float(self.t[-1]), values[-1], rates[-1], feet)
 
     def __len__(self) -> int:
         return len(self.t)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, SimulationError, StudyError, VlmbError, finite
+from vlmb.errors import SceneError, SimulationError, StudyError, finite
 from vlmb.model.mechanism import build
 from vlmb.model.names import DOT
 from vlmb.scene.scene import Scene, as_scene
@@ -20,15 +20,14 @@ from vlmb.studies.derivatives import jacobian
 from vlmb.studies.ensemble import Ensemble, Task
 from vlmb.studies.linearize import independent
 from vlmb.studies.runs import tightened
+from vlmb.studies.shooting import HELD, multipliers_of, shoot, stability_of
 from vlmb.studies.steady import named_at
 from vlmb.system.pace import laws_of
 from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
 
-ROUNDS, HELD = 25, 1e-9  # iterations; the residual that is accepted
 REPEATS = 1e-9  # of the largest rate: by how much those a period later may differ
-FLAT, LONGEST = 1e-7, 0.3  # singular values over the largest that are none; the longest step, in units of a coordinate, or [s]
 BESIDE = 0.01  # where laws are looked at: an equilibrium may hide them
 
 
@@ -47,12 +46,12 @@ class Orbit:
     residual: float
     trajectory: Trajectory
     error: float  # of the derivatives, relative
+    uncertainty: Array  # (m,) of the multipliers
 
     @property
     def stability(self) -> str:
         """"asymptotically stable", "neutral" or "unstable", to first order."""
-        largest = float(np.abs(self.multipliers).max(initial=0.0))
-        return "unstable" if largest > 1.0 + 1e-6 else "neutral" if largest > 1.0 - 1e-6 else "asymptotically stable"
+        return stability_of(self.multipliers)
 
     def __repr__(self) -> str:
         size = float(np.abs(self.multipliers).max(initial=0.0))
@@ -82,47 +81,27 @@ def periodic(
     shift = _shift(chart, advance or {})
     if timed:
         _refuse_other_period(chart, period)
-    flow = _Flow(scene, chart)
-    x = chart.numbers(chart.origin)
-    basis = _tangent(chart, x)
-    for _ in range(ROUNDS):
-        lacking = flow.after(x, period) - x - shift
-        size = float(np.abs(lacking).max(initial=0.0))
-        if size < 1e-11:
-            break
-        matrix, _ = flow.derivatives(x, period, basis, quick=True)
-        columns, along = matrix - basis, chart.rates(x)
-        step = _newton(columns, lacking, basis, along, flow.rates_after(x, period) if not timed else None)
-        for share in (1.0, 0.5, 0.2, 0.05):
-            trial, longer = x + share * basis @ step[: basis.shape[1]], period + share * (0.0 if timed else float(step[-1]))
-            try:
-                better = np.abs(flow.after(trial, longer) - trial - shift).max(initial=0.0) < size
-            except VlmbError:
-                continue
-            if better:
-                x, period = trial, longer
-                break
-        else:
-            break
-    size = float(np.abs(flow.after(x, period) - x - shift).max(initial=0.0))
+    flow = _Flow(scene, chart, shift, timed)
+    (x, period), size = shoot(flow, (chart.numbers(chart.origin), period))
     if not size <= HELD * max(1.0, float(np.abs(x).max(initial=0.0))):
         raise StudyError(f"no periodic motion of about {period:g} s near this start: a period lacks {size:.3g} to come back")
     basis = _tangent(chart, x)
     matrix, error = flow.derivatives(x, period, basis)
     monodromy = np.linalg.lstsq(basis, matrix, rcond=None)[0]
-    values = np.linalg.eigvals(monodromy).astype(complex)
+    values, uncertainty = multipliers_of(np.array(monodromy, float), error)
     if not timed and np.abs(chart.rates(x)).max(initial=0.0) > HELD:
-        values = np.delete(values, int(np.argmin(np.abs(values - 1.0))))
+        along = int(np.argmin(np.abs(values - 1.0)))
+        values, uncertainty = np.delete(values, along), np.delete(uncertainty, along)
     coordinates, rates = named_at(chart, x)
-    order = np.argsort(-np.abs(values), kind="stable")
-    return Orbit(period, coordinates, rates, values[order], size, flow.trajectory(x, period), error)
+    return Orbit(period, coordinates, rates, values, size, flow.trajectory(x, period), error, uncertainty)
 
 
 class _Flow:
-    """Where a state is after a time."""
+    """Where a state is after a time. What is sought is u = (numbers at the start, period)."""
 
-    def __init__(self, scene: Scene, chart: Chart) -> None:
-        self.chart, self.scene = chart, scene
+    def __init__(self, scene: Scene, chart: Chart, shift: Array, timed: bool) -> None:
+        self.chart, self.scene, self.shift, self.timed = chart, scene, shift, timed
+        self.basis = _tangent(chart, chart.numbers(chart.origin))
         followed = {at.name for at in chart.system.prescribed}
         self.names = [name for name in chart.layout.names if name not in followed]
 
@@ -146,30 +125,24 @@ class _Flow:
         count = basis.shape[1]
         return jacobian(lambda z: self.after(x + basis @ z, period), np.zeros(count), np.ones(count), quick)
 
-    def rates_after(self, x: Array, period: float) -> Array:
-        """Return dx/dt after a period."""
-        return self.chart.rates(self.after(x, period))
+    def lacking(self, u: tuple[Array, float]) -> Array:
+        """Return what a period lacks to come back."""
+        x, period = u
+        return self.after(x, period) - x - self.shift
 
+    def linear(self, u: tuple[Array, float]) -> Array:
+        """Return the derivatives of that along the basis; with an unknown period by it as well, for a step across the motion."""
+        x, period = u
+        columns = self.derivatives(x, period, self.basis, quick=True)[0] - self.basis
+        if self.timed:
+            return columns
+        along = self.chart.rates(x)
+        across = (along @ self.basis)[None] / max(float(np.linalg.norm(along)), 1e-300)
+        return np.block([[columns, self.chart.rates(self.after(x, period))[:, None]], [across, np.zeros((1, 1))]])
 
-def _newton(columns: Array, lacking: Array, basis: Array, along: Array, after: Array | None) -> Array:
-    """Return a step; with an unknown period a step across the motion, and the change of the period.
-
-    Directions that hardly change what is lacking, such as to a larger swing, are left out while they would lead far away.
-    """
-    matrix, wanted = columns, -lacking
-    if after is not None:
-        across = (along @ basis)[None] / max(float(np.linalg.norm(along)), 1e-300)
-        matrix = np.block([[columns, after[:, None]], [across, np.zeros((1, 1))]])
-        wanted = np.append(wanted, 0.0)
-    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
-    parts = (left.T @ wanted) / np.maximum(sizes, 1e-300)
-    useful = int((sizes > FLAT * sizes[0]).sum())
-    step = np.zeros(matrix.shape[1])
-    for k in range(useful, 0, -1):
-        step = right[:k].T @ parts[:k]
-        if float(np.abs(step).max()) <= LONGEST:
-            break
-    return step * min(1.0, LONGEST / max(float(np.abs(step).max()), LONGEST))
+    def moved(self, u: tuple[Array, float], step: Array) -> tuple[Array, float]:
+        """Return u a step on."""
+        return u[0] + self.basis @ step[: self.basis.shape[1]], u[1] + (0.0 if self.timed else float(step[-1]))
 
 
 def _tangent(chart: Chart, x: Array) -> Array:

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 LOUD = "MOVED FAR"  # before what a start says of a given value or a length that is no longer near what it was
 ALIKE = 1e-5  # rows whose directions differ by less are told: a little below, the dynamics take them for one
 FAR = 1.0  # [rad] between two azimuths that shall be equal
+ROUNDED, TINY = 1e-10, 1e-300  # of the largest gradient of all rates: below it is rounding
 
 
 class RowSet(NamedTuple):
@@ -254,8 +255,10 @@ def meet_rates(
         error = residual(chosen, {})
         if np.abs(error).max(initial=0.0) <= HELD:
             continue
-        matrix = np.column_stack([residual(chosen, {name: 1.0}) - error for name in free])
-        change = -np.linalg.lstsq(matrix, error, rcond=1e-10)[0]
+        gradient = np.column_stack([residual(chosen, {name: 1.0}) - error for name in names])
+        matrix = gradient[:, [names.index(name) for name in free]]
+        own, full = (float(np.linalg.norm(part, 2)) for part in (matrix, gradient))
+        change = -np.linalg.pinv(matrix, ROUNDED * full / max(own, TINY)) @ error  # what is rounding does not serve rows
         rates.update(moved(dict(zip(free, change.tolist(), strict=True))))
     ideal = [entry for entry in sets if entry.ideal]
     if ideal and np.abs(residual(ideal, {})).max() > 1e-7:
