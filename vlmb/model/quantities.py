@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from vlmb.core import places
 from vlmb.core import quantities as core
-from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
+from vlmb.core.opcodes import RATE, VALUE
 from vlmb.core.quantities import Quantities, make_quantities
 from vlmb.errors import SceneError
 from vlmb.model.arrays import Arrays
-from vlmb.model.names import ANGLES, DOT, STORED, GeneralizedForce, Names, PointEnd, Quantity
+from vlmb.model.names import ANGLES, STORED, GeneralizedForce, Names, PointEnd, Quantity
 from vlmb.model.signals import NONE as NO_SIGNALS
 from vlmb.model.signals import Signals
-from vlmb.model.tape import Leaf
+from vlmb.model.tape import Leaf, leaf_of
 from vlmb.scene.expressions import Tree
 from vlmb.scene.legs import leg_tree
 
@@ -85,14 +85,9 @@ class QuantityTable:
 
     def resolve(self, name: str) -> Leaf | Tree:
         """Return what a name of an equation is to the tape; what is read of a leg is an expression."""
-        if name == "t":
-            return Leaf(TIME)
-        if name in self.parameters:
-            return Leaf(PARAMETER, self.parameters[name])
-        if name in self.signals:
-            return Leaf(SIGNAL, self.signals[name])
-        if name.removesuffix(DOT) in self.lengths:
-            return Leaf(RATE if name.endswith(DOT) else VALUE, self.lengths[name.removesuffix(DOT)])
+        known = leaf_of(name, self.parameters, self.signals, self.lengths)
+        if known is not None:
+            return known
         quantity = self.names.find(name)
         if quantity.kind == "leg":
             return leg_tree(self.arrays.scene, name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,8 +22,9 @@ from vlmb.model.frozen import Remade
 from vlmb.model.layout import State
 from vlmb.model.names import DOT, counted
 from vlmb.model.robot_model import HINGES, Robots, assemble, wrapped
-from vlmb.model.robot_names import Coordinate, RobotNames, RobotQuantity
+from vlmb.model.robot_names import Coordinate, RobotNames, RobotQuantity, allowed_names
 from vlmb.model.signals import Signals, signals_of
+from vlmb.scene.by_phase import numbers_of
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene
 
@@ -97,6 +98,11 @@ class RobotMechanism(Remade, Displayed):
     def warnings(self) -> tuple[str, ...]:
         """What may go wrong later."""
         return ()
+
+    @property
+    def allowed(self) -> Collection[str]:
+        """Every name that an equation may use."""
+        return allowed_names(self.names, [*numbers_of(self.scene), *self.signals])
 
     @property
     def signals(self) -> Signals:

@@ -37,6 +37,7 @@ class Robots:
     given: frozenset[str]  # joints whose start a posture tells
     links: tuple[tuple[str, int], ...]  # links of the scene with the number they count by, 1 for the first
     left_out: tuple[str, ...]
+    driven: frozenset[str] = frozenset()  # coordinates that follow laws
 
 
 def identifier(name: str) -> str:
@@ -68,6 +69,8 @@ def assemble(scene: Scene) -> Robots:
         given |= told
         left_out += notes
     numbers = {link.name: at + 1 for at, link in enumerate(scene.links)}
+    every = ((link, which) for link in scene.links for which in (1, 2))
+    driven = [f"xi{numbers[link.name]}_{which}" for link, which in every if link.segment(which).motion == "prescribed"]
     links: list[tuple[str, int]] = []
     for root in (link for link in scene.links if link.parent == BASE or link.parent not in numbers):
         sub, lengths, members = _links(scene, root)
@@ -81,7 +84,7 @@ def assemble(scene: Scene) -> Robots:
     names = tuple(robot.name for robot in scene.robots)
     return Robots(
         model, names, tuple(texts), frame_names(model, scene.robots), reference, frozenset(given),
-        tuple(sorted(links, key=_number)), tuple(left_out),
+        tuple(sorted(links, key=_number)), tuple(left_out), frozenset(driven),
     )  # fmt: skip
 
 
@@ -146,7 +149,22 @@ def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str
     if not np.isfinite(inertias).all() or (inertias < 0.0).any():
         raise SceneError(f"{key}.urdf: a mass of it is negative or not finite")
     _rename(model, robot.name)
+    _add_points(model, robot, key)
     return model, posture, {f"{robot.name}.{identifier(name)}" for name in told}, notes
+
+
+def _add_points(model: Any, robot: Robot, key: str) -> None:
+    """Add frames at points of a robot's frames. Raises SceneError for one whose frame is none, or whose name is taken."""
+    for name, (on, *at) in robot.points.items():
+        whole, where = f"{robot.name}.{identifier(robot.aliases.get(on, on))}", f"{key}.points.{name}"
+        if not model.existFrame(whole):
+            known = [frame.name.partition(".")[2] for frame in model.frames]
+            raise SceneError(f"{where}: no frame {on!r:.80}; {nearest(on, known)}")
+        if model.existFrame(f"{robot.name}.{name}") or name in robot.aliases:
+            raise SceneError(f"{where}: the robot has a frame of this name already; choose another")
+        frame = model.frames[model.getFrameId(whole)]
+        place = frame.placement * pin.SE3(np.eye(3), np.array(at))
+        model.addFrame(pin.Frame(f"{robot.name}.{name}", frame.parentJoint, 0, place, pin.FrameType.OP_FRAME), False)
 
 
 def _posture(robot: Robot, text: RobotText, model: Any, key: str) -> tuple[Array, set[str]]:
@@ -246,11 +264,8 @@ def _links(scene: Scene, root: Link) -> tuple[Any, Array, list[str]]:
     for link in scene.links:  # parents may stand behind their children
         names |= _below(scene, link, root.name)
     members += [link for link in scene.links if link.name in names and link.name != root.name]
-    for link in members:
-        for which in (1, 2):
-            if link.segment(which).motion == "prescribed":
-                raise SceneError(f"links: {link.name!r} has a prescribed segment; with robots segments are free or fixed")
-    sub = build(Scene(name="links", base=Base(kind="pivot"), links=tuple(members)))
+    base, data = Base(kind="pivot"), scene.data
+    sub = build(Scene(name="links", base=base, links=tuple(members), parameters=scene.parameters, data=data))
     model = pin.Model(sub.model)
     q = pin.neutral(model)
     for index in sub.layout.links:

@@ -290,6 +290,8 @@ class RobotNames(Collection[str]):
                 if entry.row[0] == core.COORDINATE:
                     name = f"T_{entry.name}"
                     found[name] = RobotForce(name, "N m" if entry.unit == "rad" else "N", entry.name, entry.joint)
+            elif entry.name in self.robots.driven:
+                continue  # this force is a result
             elif entry.name.startswith("xi"):
                 name = f"F{entry.name.removeprefix('xi')}"
                 found[name] = RobotForce(name, "N", entry.name)
@@ -312,6 +314,9 @@ class RobotNames(Collection[str]):
             place, _, axis = name.removeprefix("R_").rpartition(".")
             if len(axis) == 1 and axis in AXES:
                 return self.force_at(place, axis, where)
+        if f"xi{name.removeprefix('F')}" in self.robots.driven:
+            why = f"a law gives xi{name.removeprefix('F')}: its force is a result, read it in `controls`"
+            raise SceneError(f"{where}: unknown force {name!r:.80}: {why}")
         raise SceneError(f"{where}: unknown force {name!r:.80}; {nearest(name, self.forces)}")
 
     def force_at(self, place: str, axis: str, where: str) -> RobotForce:
@@ -320,6 +325,12 @@ class RobotNames(Collection[str]):
         if self._find(name) is None or (place not in self.robots.frames and place != "com"):
             raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(place, [*self.robots.frames, 'com'])}")
         return RobotForce(f"R_{name}", "N", name)
+
+    def point(self, place: str, where: str) -> int:
+        """Return a frame by its name as a place. Raises SceneError for one that is none."""
+        if place not in self.robots.frames:
+            raise SceneError(f"{where}: unknown point {place!r:.80}; {nearest(place, self.robots.frames)}")
+        return self.robots.frames[place]
 
     def chosen(self, patterns: Sequence[str], where: str) -> tuple[RobotForce, ...]:
         """Return the controls that patterns name: `talos.*`, less `-talos.head_*`, or forces by name. Raises SceneError."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE, Array, Tape
 from vlmb.core.series import WIDTH
 from vlmb.errors import ExpressionError
 from vlmb.model.forms import Form, RowFacts, form_of, show
+from vlmb.model.names import DOT
+from vlmb.model.signals import Signals
 from vlmb.scene.expressions import Equation, Expression, Tree, apply, failure
 
 MAX_ROWS, MAX_OPERATIONS = 2000, 50_000
@@ -32,6 +34,18 @@ class Leaf(NamedTuple):
     kind: int
     at: int = 0
     angle: bool = False
+
+
+def leaf_of(name: str, parameters: Mapping[str, int], signals: Signals, lengths: Mapping[str, int]) -> Leaf | None:
+    """Return what a name that is no quantity stands for: the time, a parameter, measured data, the length of a spring."""
+    plain = name.removesuffix(DOT)
+    if name == "t":
+        return Leaf(TIME)
+    if name in parameters:
+        return Leaf(PARAMETER, parameters[name])
+    if name in signals:
+        return Leaf(SIGNAL, signals[name])
+    return Leaf(RATE if name.endswith(DOT) else VALUE, lengths[plain]) if plain in lengths else None
 
 
 @dataclass(frozen=True)

@@ -100,13 +100,9 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
             refuse(f"{key}.attach.to", "this scene has no ski: base.kind = 'ski' makes one")
         if to not in ("ski", "ground") and frame_owner(to) not in names[:index]:
             refuse(f"{key}.attach.to", f"{to!r:.80}: must be 'ground', 'ski', or a frame of a robot before it, such as arm.tool0")
-    if scene.base.friction or scene.base.drag or scene.base.width or scene.base.length:
-        refuse("base", "friction, drag, width and length of a ski are not there in scenes with robots")
     for index, force in enumerate(scene.forces):
         if force.between is not None:
             refuse(f"forces[{index}]", "springs between two directions are not there in scenes with robots; use [[springs]]")
-    if programme is not None and (programme.u0 is not None or programme.border):
-        refuse("programme.u0", "with robots the posture takes what the rows leave free; drop u0 and border, or use secondary")
     if any(link.segment(which).at_limit == BOUNCE for link in scene.links for which in (1, 2)):
         refuse("links", "at_limit = 'bounce' is there for scenes of links alone")
     if scene.legs:
@@ -115,7 +111,5 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
         refuse("programmes", "phases are there for scenes of links alone; a scene with robots has one [programme]")
     if scene.events:
         refuse("events", "events by name are there for scenes of links alone; read them of the trajectory")
-    if scene.contacts:
-        refuse("contacts", "contacts are there for scenes of links alone; weld a foot to the ground, or leave the robot out")
     if scene.run.engine == "core":
         refuse("run.engine", "scenes with robots run on 'pinocchio' ('auto')")

@@ -206,6 +206,7 @@ class Robot(Table, frozen=True, kw_only=True):
     posture: str | dict[str, float] = ""  # a name in the robot's srdf, or values by joint, over the neutral one
     locked: tuple[str, ...] = ()  # joints that do not move
     aliases: dict[Name, str] = {}  # names for its frames
+    points: dict[Name, tuple[str, float, float, float]] = {}  # points of its frames, as frames: which, and where [m] in it
 
 
 class Weld(Table, frozen=True, kw_only=True):

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from vlmb.errors import SceneError
-from vlmb.model.laws import law_breaks, law_jump
 from vlmb.scene.names import PHASE_START
-from vlmb.system.prescribed import Prescribed
+from vlmb.system.prescribed import LENGTH_JUMP, RATE_JUMP, Prescribed, breaks_of_law, require_inside
 from vlmb.system.system import System
-
-LENGTH_JUMP, RATE_JUMP = 1e-7, 1e-4  # [m, m/s] that count as none
 
 
 def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
@@ -20,14 +15,7 @@ def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
     """
     breaks = system.breaks(t0, end)
     for at in system.prescribed:
-        for t in law_breaks(at.law, t0, end):
-            value, rate = law_jump(at.law, t)
-            if abs(value) > LENGTH_JUMP or abs(rate) > RATE_JUMP:
-                raise SceneError(
-                    f"{at.name}: the law {at.law.text!r} is not smooth enough at t = {t:.6g} s (length jumps by {value:.3g} m, "
-                    f"its rate by {rate:.3g} m/s): a prescribed length needs a continuous rate"
-                )
-            breaks.add(t)
+        breaks |= breaks_of_law(at, t0, end)
         if PHASE_START not in at.law.expression.names:
             _require_inside(system, at, t0, end)
     return tuple(sorted(breaks))
@@ -35,13 +23,7 @@ def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
 
 def _require_inside(system: System, at: Prescribed, begin: float, end: float) -> None:
     coordinates = {c.name: c for c in system.mechanism.layout.coordinates}
-    low, high = system.mechanism.segment(coordinates[at.name]).bounds
-    times = np.linspace(begin, end, 1001)
-    for t, length in zip(times.tolist(), at.law.values(times).tolist(), strict=True):
-        if not low <= length <= high:
-            raise SceneError(
-                f"{at.name}: the law {at.law.text!r} gives {length:.6g} m at t = {t:.6g} s, outside [{low:g}, {high:g}]"
-            )
+    require_inside(at, system.mechanism.segment(coordinates[at.name]).bounds, begin, end)
 
 
 def require_going_on(before: System, began: float, after: System, t: float) -> None:

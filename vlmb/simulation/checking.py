@@ -28,7 +28,6 @@ from vlmb.system.system import System, Workspace, make_system
 
 if TYPE_CHECKING:
     from vlmb.model.robot_mechanism import RobotMechanism
-    from vlmb.simulation.robot_run import CheckedRobots
 
 APART = 1e-6  # of the largest acceleration: what two engines may differ by, as differences of velocities tell
 
@@ -36,7 +35,7 @@ APART = 1e-6  # of the largest acceleration: what two engines may differ by, as 
 class Checked(NamedTuple):
     """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
 
-    mechanism: Mechanism
+    mechanism: Mechanism | RobotMechanism
     start: Start
 
     @property
@@ -46,7 +45,9 @@ class Checked(NamedTuple):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
+        """Independent velocities at the start: coordinates less prescribed ones, the knife edge, welds and ideal constraints."""
+        if not isinstance(self.mechanism, Mechanism):
+            return self.mechanism.table.velocities - self.start.rank  # whose rows are all of these
         layout = self.mechanism.layout
         prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in layout.links for at in (e.lower, e.upper))
         return len(layout.names) - prescribed - layout.edged - self.start.rank
@@ -55,17 +56,21 @@ class Checked(NamedTuple):
     def notes(self) -> tuple[str, ...]:
         """Warnings, forces at points and springs, measured data, what was adjusted at the start, how a programme is stable."""
         data = (column.report for column in self.mechanism.signals.columns)
-        return (*self.mechanism.warnings, *self.acting, *data, *self.start.adjustments)
+        robots = not isinstance(self.mechanism, Mechanism)
+        left = (f"left out: {entry}" for entry in self.mechanism.left_out if robots)
+        return (*self.mechanism.warnings, *left, *self.acting, *data, *self.start.adjustments)
 
     @property
     def acting(self) -> tuple[str, ...]:
-        """Forces at points, springs between points, friction and drag, a sentence each."""
+        """Forces at points, springs between points, friction and drag of a scene of links, a sentence each."""
+        if not isinstance(self.mechanism, Mechanism):
+            return ()
         return tuple(told(self.mechanism, self.mechanism.postures(self.start.state)))
 
     @property
     def report(self) -> str:
         """Coordinates and degrees of freedom in a line, then a line for each note."""
-        coordinates, free = len(self.mechanism.layout.names), self.degrees_of_freedom
+        coordinates, free = len(self.mechanism.coordinate_names), self.degrees_of_freedom
         counts = f"fine. {counted(coordinates, 'coordinate')}, {counted(free, 'degree')} of freedom"
         return "\n".join([counts, *(f"  {note}" for note in self.notes)])
 
@@ -73,7 +78,7 @@ class Checked(NamedTuple):
         return f"{self.scene.name}: {self.report}"
 
 
-def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any]) -> Checked | CheckedRobots:
+def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any]) -> Checked:
     """Do everything that comes before a run; raise what a run would.
 
     Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with
@@ -83,7 +88,7 @@ def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, 
     if not isinstance(mechanism, Mechanism):
         from vlmb.simulation.robot_run import check_robots
 
-        return check_robots(mechanism)
+        return Checked(mechanism, check_robots(mechanism))
     scene = mechanism.scene
     require_data(scene, 0.0, scene.run.duration)
     system = make_system(mechanism)
@@ -102,9 +107,7 @@ def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, 
     notes = [_engines_agree(system, engine, workspace, start)] if isinstance(engine, CoreEngine) else []
     programme = workspace.solver.programme
     if programme is not None:
-        rank, condition = programme.rank(programme.control_matrix)
-        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-        notes.append(f"programme: {programme.report}; {controllable}")
+        notes.append(programme.controllable)
     return Checked(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))
 
 

@@ -68,14 +68,14 @@ def _with_robots(path: str | Path, stored: Stored, mechanism: Any, run: Any, t0:
 
     status, message, names, adjustments, doubts = told
     system = make_robot_system(mechanism, run, names or None)
-    t = _times(path, stored, t0)
+    t = _times(path, stored, t0, bool(system.points))
     states = stored.read(ARRAYS["states"], (len(t), system.size))
     if not all(pin.isNormalized(mechanism.model, np.array(q), 1e-6) for q in states[:, : mechanism.model.nq]):
         raise TrajectoryError(f"{path}: its states are damaged: quaternions do not have length 1")
     inputs = stored.read(ARRAYS["inputs"], (len(t), len(names)))
     made = RobotTrajectory(
         mechanism, t, states, "pinocchio", inputs, names, np.zeros((1, 0)), run, status, message, adjustments,
-        _stats(path, stored.note), _versions(path, stored.note), t0, doubts,
+        _stats(path, stored.note), _versions(path, stored.note), t0, doubts, *_phases(path, stored.note, system, len(t)),
     )  # fmt: skip
     made.__dict__["system"] = system
     return made
@@ -112,7 +112,7 @@ def _arrays(
 
 
 def _phases(
-    path: str | Path, note: Mapping[str, Any], system: System, count: int
+    path: str | Path, note: Mapping[str, Any], system: Any, count: int
 ) -> tuple[tuple[Stretch, ...], tuple[Event, ...]]:
     try:
         return phases_from_data(note, [point.name for point in system.points], count)

@@ -146,9 +146,13 @@ class PhasedRun(LegSteps):
             require_going_on(before, began, self.now, self.t)
         lawful = any(leg.leg.law is not None for leg in self.legs)
         if self.t < last and (self.systems.timed or lawful or goes_by_phase(self.systems.scene)):
-            self.breaks = breaks_of(self.now, self.t, last)
+            self.breaks = self._breaks(self.now, self.t, last)
             self.bounds = longest_steps(self.now.mechanism.scene, self.t, last)
         return make_engine(self.now, self.branch, self.control)
+
+    def _breaks(self, system: System, start: float, end: float) -> Sequence[float]:
+        """Return the times at which what acts in a phase is not smooth."""
+        return breaks_of(system, start, end)
 
     def _keep(self, told: bool) -> None:
         """Keep the samples of the phase under way; without `told` its last instant is none unless it was asked for."""

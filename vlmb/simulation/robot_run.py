@@ -7,19 +7,20 @@ import dataclasses
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
 from vlmb.model.layout import State
-from vlmb.model.names import counted
 from vlmb.model.robot_mechanism import RobotMechanism
+from vlmb.scene.expressions import Expression
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
+from vlmb.simulation.robot_phases import RobotPhases, with_engine
 from vlmb.simulation.robot_trajectory import RobotTrajectory
 from vlmb.system import interrupts
 from vlmb.system.pace import longest_steps, require_data
@@ -34,13 +35,14 @@ Array = NDArray[np.float64]
 
 def simulate_robots(
     mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None,
-    start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None,
+    start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None, until: str = "",
+    expression: Expression | None = None,
 ) -> RobotTrajectory:  # fmt: skip
     """Simulate with checked options; see `vlmb.simulate`."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    system = make_robot_system(mechanism, run)
+    system = make_robot_system(mechanism, run, until=expression)
     begin = robot_start(system, t0)
     interrupts.answer()
     if control is not None:
@@ -49,11 +51,18 @@ def simulate_robots(
     breaks = system.breaks(t0, t0 + run.duration)
     with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
         warnings.simplefilter("ignore")
-        engine = RobotEngine(system, begin.state, control if system.inputs else None)
+        asked_for = control if system.inputs else None
+        system = with_engine(system, begin.state)
+        engine = RobotEngine(system, begin.state, asked_for)
         y = engine.pack(begin.state)
         bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
         began, used = time.perf_counter(), time.thread_time()
-        loop = Loop(engine, run, y, times, breaks, t0, bounds, progress, np.inf if control is None else 1.0 / run.samples)
+        longest = np.inf if control is None else 1.0 / run.samples
+        loop: Loop | RobotPhases
+        if system.points:
+            loop = RobotPhases(system, run, y, times, breaks, t0, bounds, asked_for, progress, longest, until)
+        else:
+            loop = Loop(engine, run, y, times, breaks, t0, bounds, progress, longest)
 
         def trajectory(status: str, message: str) -> RobotTrajectory:
             stats = {
@@ -93,42 +102,8 @@ def begun_at(mechanism: RobotMechanism, start: End | Mapping[str, float]) -> Rob
     return made
 
 
-class CheckedRobots(NamedTuple):
-    """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
-
-    mechanism: RobotMechanism
-    start: Start
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that was checked."""
-        return self.mechanism.scene
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Independent velocities at the start."""
-        return self.mechanism.table.velocities - self.start.rank
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was left out and adjusted, what is known of measured data, how a programme is stable."""
-        left = (f"left out: {entry}" for entry in self.mechanism.left_out)
-        data = (column.report for column in self.mechanism.signals.columns)
-        return (*left, *data, *self.start.adjustments)
-
-    @property
-    def report(self) -> str:
-        """Coordinates and degrees of freedom in a line, then a line for each note."""
-        coordinates = counted(len(self.mechanism.names.index), "coordinate")
-        counts = f"fine. {coordinates}, {counted(self.degrees_of_freedom, 'degree')} of freedom"
-        return "\n".join([counts, *(f"  {note}" for note in self.notes)])
-
-    def __repr__(self) -> str:
-        return f"{self.scene.name}: {self.report}"
-
-
-def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
-    """Do everything that comes before a run; raise what a run would."""
+def check_robots(mechanism: RobotMechanism) -> Start:
+    """Do everything that comes before a run; return its start and what is known of it. Raises what a run would."""
     scene = mechanism.scene
     require_data(scene, 0.0, scene.run.duration)
     system = make_robot_system(mechanism)
@@ -138,8 +113,6 @@ def check_robots(mechanism: RobotMechanism) -> CheckedRobots:
     engine.workspace.evaluate(0.0, engine.pack(start.state))
     programme, notes = engine.workspace.programme, []
     if programme is not None:
-        rank, condition = programme.rank(programme.control_matrix)
-        controllable = f"G has rank {rank} for {len(programme.texts)} rows, condition {condition:.4g} at the start"
-        notes.append(f"programme: {programme.report}; {controllable}")
+        notes.append(programme.controllable)
         notes += engine.workspace.unreached()
-    return CheckedRobots(mechanism, start._replace(adjustments=(*start.adjustments, *notes)))
+    return start._replace(adjustments=(*start.adjustments, *notes))

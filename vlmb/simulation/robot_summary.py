@@ -31,12 +31,17 @@ def summarize_robots(run: Told, programme: str) -> str:
         lines.append(f"  residual         {name}: {position}{largest(residual.velocity):.2e} /s")
     if programme:
         lines.append(f"  programme        {programme}")
+    contacts = [contact.name for contact in run.scene.contacts]
     for name, values in run.reactions.items():
+        if name in contacts:
+            continue
         if values.ndim == 2:
             force, moment = (np.linalg.norm(values[:, part], axis=1) for part in (slice(0, 3), slice(3, 6)))
             lines.append(f"  reaction         {name}: up to {largest(force):.4g} N and {largest(moment):.4g} N m")
         else:
             lines.append(f"  reaction         {name}: up to {largest(values):.4g}")
+    lines += [f"  WARNING          {sentence}" for sentence in summary.off_the_ski(run)]
+    lines += summary.told_contacts(run)
     lines += _controls(run) + _limits(run.shares)
     lines += [f"  note             {adjustment}" for adjustment in run.adjustments]
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fnmatch
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -13,22 +14,29 @@ from numpy.typing import NDArray
 
 from vlmb.errors import TrajectoryError, VlmbError, nearest
 from vlmb.model.frozen import read_only
+from vlmb.model.layout import State
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.scene.names import DAMPERS, ENERGIES, listed
+from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.simulation.columns import Column
 from vlmb.simulation.doubts import of_energy, of_rows
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
+from vlmb.simulation.phased_run import PhasedRun
+from vlmb.simulation.robot_histories import centre_of_pressure, lowest_gaps, robot_histories, snow_of, told_rows
+from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory, versions
+from vlmb.system.contacts import Footing
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
+from vlmb.system.robot_start import robot_start
 from vlmb.system.robot_system import RobotSystem, make_robot_system
 from vlmb.system.robot_workspace import RobotWorkspace
 from vlmb.system.start import Start
 
 Array = NDArray[np.float64]
 
+FORCE = ("x", "y", "z")  # of a contact
 WRENCH = ("x", "y", "z", "moment_x", "moment_y", "moment_z")  # of a weld: N, N m
 SHOWN = 8  # controls in a summary
 
@@ -45,25 +53,29 @@ class RobotTrajectory(Trajectory):
 
     @staticmethod
     def of_run(
-        system: RobotSystem, engine: RobotEngine, loop: Loop, start: Start, t0: float, status: str, message: str, stats: Any
-    ) -> RobotTrajectory:
+        system: RobotSystem, engine: RobotEngine, loop: Loop | PhasedRun, start: Start, t0: float, status: str, message: str,
+        stats: Any,
+    ) -> RobotTrajectory:  # fmt: skip
         """Turn the samples of a run into a trajectory."""
-        recorded = loop.recorded
-        states = engine.stored(recorded.t, recorded.states)
-        inputs, branch = engine.sampled(recorded.t, recorded.states)
+        phases: tuple[Any, ...] = ((), ())
+        if isinstance(loop, PhasedRun):
+            t, states, inputs, branch = loop.samples
+            phases = tuple(loop.stretches), tuple(loop.events)
+        else:
+            t, states, inputs, branch = samples_of(engine, loop.recorded)
         if np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
         told = (*start.adjustments, *(f"left out: {entry}" for entry in system.mechanism.left_out))
         if engine.workspace.programme is not None:
             with contextlib.suppress(VlmbError):
-                engine.workspace.evaluate(float(recorded.t[0]), np.array(states[0]))
+                engine.workspace.evaluate(float(t[0]), np.array(states[0]))
             told = (*told, *engine.workspace.unreached())
 
         def made(doubts: tuple[str, ...]) -> RobotTrajectory:
             mechanism: Any = system.mechanism
             found = RobotTrajectory(
-                mechanism, recorded.t, states, engine.name, inputs, system.inputs, branch, system.run, status, message,
-                told, stats, versions(), float(t0), doubts,
+                mechanism, t, states, engine.name, inputs, system.inputs, branch, system.run, status, message, told, stats,
+                versions(), float(t0), doubts, *phases,
             )  # fmt: skip
             found.__dict__["system"] = system
             return found
@@ -129,26 +141,60 @@ class RobotTrajectory(Trajectory):
     @cached_property
     def controls(self) -> Mapping[str, Array]:
         """Forces by law, of a control callable and of the programme by name, (N,) [N, N m]."""
-        names = tuple(dict.fromkeys(force.name for force in self.system.named))
+        names = tuple(dict.fromkeys([*(force.name for force in self.system.named), *(d.force for d in self.system.drives)]))
         return Named("control", names, lambda name: self._evaluations["controls"][name])
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """Reactions (N,) of edges, ideal rows and the knife edge; (N, 6) of welds, as `weld:left_foot`."""
-        names = tuple(dict.fromkeys(row.text for row in self.system.info[: self.system.eliminated]))
+        """Reactions (N,) of edges, ideal rows and the knife edge; (N, 6) of welds, as `weld:left_foot`.
+
+        Of a ski also `normal` [N], `roll_moment`, `pitch_moment` [N m] about A, and its `friction` [N]. Forces at points, drag,
+        springs to what it does not carry and welds to that are outer forces. Of a contact its force (N, 3) [N].
+        """
+        names = tuple(dict.fromkeys(row.text for row in told_rows(self.system, self.system.eliminated)))
+        names = (*names, *snow_of(self.system), *(point.name for point in self.system.points))
         return Named("reaction", names, lambda name: self._evaluations["reactions"][name])
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Errors of all rows by name; of a weld the largest of its six."""
         count = self.system.eliminated + self.system.servo
-        names = tuple(dict.fromkeys(row.text for row in self.system.info[:count]))
+        names = tuple(dict.fromkeys(row.text for row in told_rows(self.system, count)))
         return Named("residual", names, lambda name: self._evaluations["residuals"][name])
 
     @property
     def conditions(self) -> Array:
         """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample."""
         return self._evaluations["conditions"] if self.system.plan is not None else read_only(np.zeros(0))
+
+    def centre_of_pressure(self, *names: str) -> Array:
+        """Return where contacts press together (N, 3) [m], nan where none does: by name, or by a pattern as "left_*".
+
+        Of one weld, `weld:left_foot`: where its force meets the surface frame's horizontal plane through the frame's origin
+        without a moment in it. Raises TrajectoryError for names that are none.
+        """
+        if len(names) == 1 and names[0].startswith("weld:"):
+            wrench, place = self.reactions[names[0]], self.position(names[0].removeprefix("weld:"))
+            with np.errstate(invalid="ignore", divide="ignore"):
+                off = np.column_stack([-wrench[:, 4], wrench[:, 3], np.zeros(len(place))]) / wrench[:, 2:3]
+            return read_only(place + np.where(wrench[:, 2:3] == 0.0, np.nan, off))
+        known = [point for point in self.system.points if any(fnmatch.fnmatchcase(point.name, name) for name in names)]
+        for name in names:
+            if not any(fnmatch.fnmatchcase(point.name, name) for point in known):
+                every = [point.name for point in self.system.points]
+                raise TrajectoryError(f"no contact {name!r:.80}; {nearest(name, every)}")
+        places = [self.position(point.contact.point) for point in known]
+        normals = [
+            np.array([point.frame(t, place, False, Footing())[0][2] for t, place in zip(self.t.tolist(), every, strict=True)])
+            for point, every in zip(known, places, strict=True)
+        ]
+        return read_only(centre_of_pressure([self.reactions[point.name] for point in known], places, normals))
+
+    @cached_property
+    def lowest_gaps(self) -> Mapping[str, float]:
+        """The lowest gap [m] of each contact, below 0 inside."""
+        places = {point.name: self.position(point.contact.point) for point in self.system.points}
+        return lowest_gaps(self.system, self.stretches, self.t, places)
 
     def power(self, name: str) -> Array:
         """Power (N,) [W] of a force: the rate of its work."""
@@ -162,54 +208,9 @@ class RobotTrajectory(Trajectory):
 
     @cached_property
     def _evaluations(self) -> dict[str, Any]:
-        system, space = self.system, RobotWorkspace(self.system)
-        space.start_posture(self.q[0] if self.t[0] == self.t0 else self._started())
-        count, info, rows = len(self.t), system.info, system.eliminated + system.servo
-        values, lambdas = np.full((count, len(system.forces)), np.nan), np.full((count, system.eliminated), np.nan)
-        errors, powers = np.full((count, 2, len(info)), np.nan), np.full((count, len(system.work_names)), np.nan)
-        strengths = np.full((count, 2), np.nan)
-        for i, (t, y) in enumerate(zip(self.t.tolist(), self.states, strict=True)):
-            if np.isnan(self.inputs[i]).any():
-                continue
-            try:
-                now = space.evaluate(t, np.array(y), self.inputs[i])
-            except VlmbError:
-                if self.status == "failed":
-                    continue
-                raise
-            values[i], lambdas[i], errors[i], powers[i] = now.values, now.multipliers, now.residuals[:2], now.powers
-            if space.programme is not None:
-                strengths[i] = space.programme.strengths(space.programme.control_matrix)
-        controls: dict[str, Array] = {}
-        for k, force in enumerate(system.forces):
-            controls[force.name] = controls.get(force.name, 0.0) + values[:, k]
-        reactions: dict[str, Array] = {}
-        residuals: dict[str, Residual] = {}
-        equations = {row.text: row.text for row in info}
-        for name in dict.fromkeys(row.text for row in info[:rows]):
-            at = [k for k, row in enumerate(info[:rows]) if row.text == name]
-            if at[0] < system.eliminated:
-                reactions[name] = read_only(lambdas[:, at] if len(at) > 1 else lambdas[:, at[0]])
-            several = len(at) > 1
-            position, velocity = (
-                np.abs(errors[:, which, at]).max(axis=1) if several else errors[:, which, at[0]] for which in (0, 1)
-            )
-            residuals[name] = Residual(
-                read_only(position) if info[at[0]].holonomic else None, read_only(velocity), equations.get(name, "")
-            )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            conditions = np.fmax.reduce(strengths[:, 0], initial=0.0) / strengths[:, 1]
-        return {
-            "controls": {name: read_only(found) for name, found in controls.items()}, "reactions": reactions,
-            "residuals": residuals, "conditions": read_only(conditions),
-            "powers": {name: read_only(powers[:, k]) for k, name in enumerate(system.work_names)},
-            "report": "" if space.programme is None else space.programme.report,
-        }  # fmt: skip
-
-    def _started(self) -> Array:
-        from vlmb.system.robot_start import robot_start
-
-        return np.asarray(robot_start(self.system, self.t0).state.q)
+        start = robot_start(self.system, self.t0).state if self.t[0] != self.t0 else State(self.q[0], self.v[0])
+        taken = self.t, self.states, self.inputs
+        return robot_histories(self.system, taken, self.stretches, start, self.status == "failed")
 
     @cached_property
     def _energies(self) -> dict[str, Array]:
@@ -225,7 +226,7 @@ class RobotTrajectory(Trajectory):
     def doubts_found(self) -> tuple[str, ...]:
         """Return what contradicts itself in what was recorded, in sentences."""
         found = of_energy(self._energies, self.run)
-        held = {name: (self.residuals[name].position, self.residuals[name].velocity) for name in self.reactions}
+        held = {name: (row.position, row.velocity) for name, row in self.residuals.items() if name in self.reactions}
         rates = float(np.abs(self._coordinates[1]).max(initial=0.0))
         return (*found, *(of_rows(held, rates, self.run) if held else ()))
 
@@ -262,14 +263,15 @@ class RobotTrajectory(Trajectory):
             yield Column(name, "J", self[name])
         for name in signals:
             yield Column(name, signals.unit(name), self[name])
-        units = {force.name: force.unit for force in self.system.forces}
+        units = {force.name: force.unit for force in self.system.forces} | {drive.force: "N" for drive in self.system.drives}
         for name, values in self.controls.items():
             yield Column(name, units[name], values)
         for name, values in self.reactions.items():
             if values.ndim == 1:
-                yield Column(name, "N" if name == "knife_edge" or name.startswith("edge:") else "", values)
+                unit = "N" if name.startswith("edge:") or name == "friction" else SNOW.get(name, "")
+                yield Column(name, unit, values)
             else:
-                for k, axis in enumerate(WRENCH):
+                for k, axis in enumerate(WRENCH if values.shape[1] > 3 else FORCE):
                     yield Column(f"{name}.{axis}", "N" if k < 3 else "N m", values[:, k])
         for name, residual in self.residuals.items():
             if residual.position is not None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.simulation.loop import Recorded
-from vlmb.system.core_engine import CoreEngine
-from vlmb.system.pinocchio_engine import PinocchioEngine
 
 Array = NDArray[np.float64]
 
@@ -23,6 +21,13 @@ class Samples(NamedTuple):
     branch: Array  # (1 or N, coordinates) near which angles are read
 
 
-def samples_of(engine: CoreEngine | PinocchioEngine, recorded: Recorded) -> Samples:
+class Storing(Protocol):
+    """What of an engine keeps its samples."""
+
+    def stored(self, t: Array, states: Array) -> Array: ...  # noqa: D102
+    def sampled(self, t: Array, states: Array) -> tuple[Array, Array]: ...  # noqa: D102
+
+
+def samples_of(engine: Storing, recorded: Recorded) -> Samples:
     """Return the samples of a loop."""
     return Samples(recorded.t, engine.stored(*recorded), *engine.sampled(*recorded))

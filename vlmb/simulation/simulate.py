@@ -116,9 +116,8 @@ def simulate(
         if not isinstance(mechanism, Mechanism):
             from vlmb.simulation.robot_run import simulate_robots
 
-            if until is not None:
-                raise SceneError("until: contacts and ends by name are there for scenes of links alone, not for robots")
-            return simulate_robots(mechanism, run, times, control, start, t0, progress)
+            asked, _, expression = read_until(mechanism, until)
+            return simulate_robots(mechanism, run, times, control, start, t0, progress, asked, expression)
         return _simulated(mechanism, run, times, control, start, t0, progress, watch, until)
 
 

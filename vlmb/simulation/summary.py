@@ -96,8 +96,8 @@ def summarize(trajectory: Told, programme: str) -> str:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
-    lines += [f"  WARNING          {sentence}" for sentence in _off_the_ski(trajectory)]
-    lines += _contacts(trajectory)
+    lines += [f"  WARNING          {sentence}" for sentence in off_the_ski(trajectory)]
+    lines += told_contacts(trajectory)
     lines += _events(trajectory)
     for name in trajectory.controls:
         values = trajectory.controls[name]
@@ -110,7 +110,7 @@ def summarize(trajectory: Told, programme: str) -> str:
     return "\n".join(lines)
 
 
-def _contacts(trajectory: Told) -> list[str]:
+def told_contacts(trajectory: Told) -> list[str]:
     """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
     lines, events = [], trajectory.events
     if trajectory.scene.base.lift:
@@ -178,7 +178,7 @@ def _through_the_ground(trajectory: Told) -> list[str]:
     ]
 
 
-def _off_the_ski(trajectory: Told) -> list[str]:
+def off_the_ski(trajectory: Told) -> list[str]:
     """Say where the snow would have to push beside a ski of a given width or length, or beyond its ends."""
     base, found = trajectory.scene.base, []
     for size, moment, what in ((base.width, "roll_moment", "width"), (base.length, "pitch_moment", "length")):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.mechanism import Mechanism
@@ -11,10 +12,13 @@ from vlmb.scene.expressions import Expression, parse
 from vlmb.system.events import OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.stops import stop_points
 
+if TYPE_CHECKING:
+    from vlmb.model.robot_mechanism import RobotMechanism
+
 KINDS = (TOUCHES, OPENS, SLIPS, STICKS)
 
 
-def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, str, Expression | None]:
+def read_until(mechanism: Mechanism | RobotMechanism, until: str | None) -> tuple[str, str, Expression | None]:
     """Return an event of a contact, "touch left", the name of one of the scene, or an expression; nothing for None.
 
     Raises SceneError for a contact or a kind that is none, ExpressionError for what cannot be read.
@@ -27,10 +31,13 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, str, Expre
     if words is None:
         if until.strip() in (event.name for event in mechanism.scene.events):
             return "", until.strip(), None
+        if not isinstance(mechanism, Mechanism):
+            return "", "", parse(until, "until", mechanism.allowed)
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]
-    contacts = [*mechanism.scene.closing, *(point.name for point in stop_points(mechanism))]
+    stops = stop_points(mechanism) if isinstance(mechanism, Mechanism) else ()
+    contacts = [*mechanism.scene.closing, *(point.name for point in stops)]
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:

@@ -101,6 +101,13 @@ class Surface:
         del tape
         return float(out[0, 0]), slope
 
+    def jet(self, t: float, place: Array) -> Array:
+        """Return value, rate and second derivative (3,) along a motion of the place (3, 3)."""
+        out = np.zeros((1, 3))
+        read_leaves(self.compiled.tape, t, self.parameters, np.ascontiguousarray(place), self.buffers.slots)
+        jets(self.compiled.tape, self.buffers, out)
+        return out[0]
+
     def moves(self, t: float, place: Sequence[float] | Array) -> float:
         """Return the rate of the surface's value at a place that rests."""
         return self._rate(t, place, ZERO, np.zeros((1, 3)))

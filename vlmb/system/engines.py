@@ -16,8 +16,15 @@ def make_engine(
     system: System, branch: Sequence[float], control: Control | None = None, engine: str | None = None
 ) -> CoreEngine | PinocchioEngine:
     """Make the engine of one run: the system's own, or the one that is named. `branch` (N,): coordinates near the start."""
+    if not isinstance(system, System):  # with robots: it brings along what moves it
+        return system.mover(system, branch, control)
     if (engine or system.engine) == "core":
         made = CoreEngine(system.mechanism, system.core_plan, control, system.forces.inputs or ())
         made.take_branch(np.array(branch))
         return made
     return PinocchioEngine(system, control, branch)
+
+
+def inputs_of(system: System) -> tuple[str, ...]:
+    """Name the forces from outside."""
+    return tuple(system.forces.inputs or ()) if isinstance(system, System) else system.inputs

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vlmb.model.names import AXES
 from vlmb.scene.tables import BASE
 from vlmb.system.contacts import STANDING, ContactPoint, Footing, PhaseContacts
-from vlmb.system.engines import make_engine
+from vlmb.system.engines import inputs_of, make_engine
 from vlmb.system.programme import total_mass
 from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
@@ -42,7 +42,7 @@ class Probe:
         self, system: System, engine: str, bare: bool, began: float, footings: Sequence[Footing], closed: Collection[str] = ()
     ) -> None:
         open_ = system.phase(unheld(footings, bare), bare, began, closed)
-        given = () if bare else system.forces.inputs or ()
+        given = () if bare else inputs_of(system)
         forces = [
             (3 * point.index + axis, _force_on(point, axis))
             for point in system.points

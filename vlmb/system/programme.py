@@ -72,16 +72,12 @@ def make_plan(
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
     h, k = united_gains(keyed(programme), holonomic, own_rate(mechanism), step, scene.parameters)
     moving = read_moving_gains(mechanism)
-    decay = VARY
-    if all(entry.kind == "weights" for entry in moving.entries):
-        parts = _parts(keyed(programme), holonomic)
-        told = [stability_report(h[n, m], k[n, n], flags, run.method, step or 0.0, part.gains) for part, flags, n, m in parts]
-        decay = "; ".join(dict.fromkeys(told))
-    _check_border(programme, len(rows), len(acting))
+    decay = united_decay(programme, holonomic, h, k, moving, run.method, step)
+    check_border(programme, len(rows), len(acting))
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
     second_h = second_k = np.zeros((0, 0))
     if second:
-        given = [(key, _secondary_gains(part)) for key, part in keyed(programme) if part.secondary]
+        given = [(key, secondary_gains_of(part)) for key, part in keyed(programme) if part.secondary]
         second_h, second_k = united_gains(given, second_holonomic, own_rate(mechanism), step, {})
     return ProgrammePlan(
         tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, moving,
@@ -101,6 +97,17 @@ def _parts(
     return found
 
 
+def united_decay(
+    programme: Programme, holonomic: NDArray[np.bool_], h: Array, k: Array, moving: MovingGains, method: str, step: float | None
+) -> str:
+    """Say how errors decay under programmes that act at once. Raises SceneError where they would grow."""
+    if any(entry.kind != "weights" for entry in moving.entries):
+        return VARY
+    parts = _parts(keyed(programme), holonomic)
+    told = [stability_report(h[n, m], k[n, n], flags, method, step or 0.0, part.gains) for part, flags, n, m in parts]
+    return "; ".join(dict.fromkeys(told))
+
+
 def united_gains(
     programmes: Sequence[tuple[str, Programme]], holonomic: NDArray[np.bool_], rate: float, step: float | None,
     parameters: Mapping[str, float],
@@ -112,7 +119,7 @@ def united_gains(
     return h, k
 
 
-def _check_border(programme: Programme, rows: int, controls: int) -> None:
+def check_border(programme: Programme, rows: int, controls: int) -> None:
     """Refuse u0 and a border that do not make u_tau of (5.6) one vector."""
     spare, border = controls - rows - 1, programme.border
     if programme.u0 is None:
@@ -225,6 +232,12 @@ class ProgrammeControl:
             return self.plan.decay
         rank = self.rank(self.control_matrix)[0]
         return f"{self.plan.decay}; {len(self.texts)} rows of rank {rank}: others, or ideal constraints, hold the rest already"
+
+    @property
+    def controllable(self) -> str:
+        """Say how errors decay and what the controls reach at the last solution."""
+        rank, condition = self.rank(self.control_matrix)
+        return f"programme: {self.report}; G has rank {rank} for {len(self.texts)} rows, condition {condition:.4g} at the start"
 
     def weakness(self) -> str:
         """Say which rows the controls have nearly lost since the start; nothing where they have not."""
@@ -378,7 +391,8 @@ def control_scales(mechanism: Mechanism, given: Sequence[GeneralizedForce]) -> A
     return np.array(scales)
 
 
-def _secondary_gains(programme: Programme) -> Programme:
+def secondary_gains_of(programme: Programme) -> Programme:
+    """Return a programme whose rows are the secondary ones of another."""
     frequency = programme.secondary_frequency or programme.frequency
     gains: Literal["auto"] | None = None if frequency is not None else "auto"
     made = msgspec.structs.replace(programme, constraints=programme.secondary, frequency=frequency, gains=gains)

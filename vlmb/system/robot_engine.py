@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,9 @@ from vlmb.core.readings import ELEVATION, HEADING, measure
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.layout import State
 from vlmb.system import interrupts
+from vlmb.system.contacts import ContactLook
 from vlmb.system.events import FALLING, LIMIT, Event
+from vlmb.system.friction import FRICTION_EVENTS, indicators_of
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
 from vlmb.system.robot_system import RobotSystem
 from vlmb.system.robot_workspace import SIDEWAYS, RobotWorkspace
@@ -80,13 +83,18 @@ class RobotEngine:
         self.asked: list[Array] = []
         self.failed_by: BaseException | None = None
         programme = system.mechanism.scene.programme
-        self.limits = _Limits(system) if programme is not None and programme.limits == "stop" else None
+        self.friction = self.workspace.friction
+        self.limits = _Limits(system, programme is not None and programme.limits == "stop")
         self.branching = [k for k, row in enumerate(self.workspace.readings.kind.tolist()) if row[0] in (HEADING, ELEVATION)]
 
-    @property
+    @cached_property
     def events(self) -> tuple[Event, ...]:
         """What is looked for after every step."""
-        return () if self.limits is None else self.limits.events
+        contacts = self.workspace.contacts
+        rubbed, touching = () if self.friction is None else FRICTION_EVENTS, () if contacts is None else contacts.events
+        until = self.system.until
+        asked = () if until is None else (Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0),)
+        return (*self.limits.events, *rubbed, *touching, *asked)
 
     @property
     def velocities(self) -> slice:
@@ -120,7 +128,9 @@ class RobotEngine:
                 t, y = float(real[TIME]), driver.point
                 self.accept(t, y)
                 real[H_MAX] = min([h_max, *(step for begin, end, step in bounds.tolist() if begin <= t < end)])
-                if self.limits is not None:
+                if self.workspace.contacts is not None:
+                    self.workspace.contacts.keep()
+                if self.events:
                     driver.indicators[VALUE : RATE + 1] = self.indicators(t, y)
             else:
                 return int(code)
@@ -138,7 +148,7 @@ class RobotEngine:
         assert self.control is not None
         try:
             interrupts.answer()
-            answer = asked(self.control, RobotView(self.system, self.workspace, t, self.unpack(y)))
+            answer = asked(self.control, RobotView(self.system, self.workspace, t, self.unpack(t, y)))
             for name in answer:
                 if name not in self.system.inputs:
                     raise SceneError(f"control: {name!r:.80} is none of the forces of its first call")
@@ -167,10 +177,49 @@ class RobotEngine:
 
     def indicators(self, t: float, y: Array) -> Array:
         """Return the indicators of all events and their rates (2, e)."""
-        if self.limits is None:
+        if not self.events:
             return np.zeros((2, 0))
-        dy = self.evaluate(t, y)
-        return self.limits.read(y[: self.workspace.nq], y[self.velocities], dy[self.velocities], self.workspace.values)
+        dy, space = self.evaluate(t, y), self.workspace
+        found = [self.limits.read(space.q, space.v, dy[self.velocities], space.values)]
+        if self.friction is not None:
+            speed, rate = float(space.v[0]), float(dy[space.nq])
+            found.append(indicators_of(self.friction.found, self.friction.mu, speed, rate))
+        if space.contacts is not None:
+            found.append(space.contacts.look(t, space.q, space.v, dy[self.velocities], space.multipliers))
+        if self.system.until is not None:
+            found.append(np.array([[space.laws[-1]], [0.0]]))
+        return np.hstack(found)
+
+    def look_at_contacts(self, t: float, y: Array) -> ContactLook:
+        """Return places and gaps of all contacts with two derivatives, and what holds closed ones, at (t, y)."""
+        rates, space = self.evaluate(t, y), self.workspace
+        contacts = space.contacts
+        assert contacts is not None
+        jets = contacts.jets(t, space.q, space.v, rates[self.velocities])
+        ways = np.array(contacts.last).reshape(-1, 3)
+        return ContactLook(jets, np.array(space.multipliers[contacts.first :]), ways, rates)
+
+    def hold_inputs(self, values: Sequence[float] | Array) -> None:
+        """Let forces from outside have these values (S,), where no control is asked for them."""
+        self.workspace.take_inputs(values)
+
+    def inputs_at(self, t: float, y: Array) -> list[float]:
+        """Ask the control, once, for the forces (S,) that it gives at a state."""
+        return [float(value) for value in self._ask(t, y)] if self.control else []
+
+    def branch(self) -> list[tuple[tuple[int, ...], float, float]]:
+        """Return near which values angles are read, by how the core reads them."""
+        space = self.workspace
+        kinds, near = space.readings.kind.tolist(), space.reference.tolist()
+        return [(tuple(kinds[k]), *near[k]) for k in self.branching]
+
+    def take_branch(self, branch: Sequence[tuple[tuple[int, ...], float, float]]) -> None:
+        """Read angles near values that another engine told."""
+        known, space = {kind: near for kind, *near in branch}, self.workspace
+        for k in self.branching:
+            near = known.get(tuple(space.readings.kind[k].tolist()))
+            if near is not None:
+                space.reference[k] = near
 
     def rows(self, t: float, y: Array) -> RowState:  # pragma: no cover
         """Return the ideal rows; nothing asks for them here."""
@@ -186,7 +235,11 @@ class RobotEngine:
         """Nothing is looked at more closely."""
 
     def settle(self, t: float, y: Array) -> None:
-        """Nothing slides here."""
+        """Let a ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
+        if self.friction is not None:
+            self.friction.forget()
+            self.evaluate(t, y)
+            self.friction.settle()
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Nothing lines up here."""
@@ -212,16 +265,17 @@ class RobotEngine:
         """Whether an error is one that the control raised."""
         return error is self.failed_by
 
-    def unpack(self, y: Array) -> State:
-        """Return the state of y, quaternions of length 1."""
+    def unpack(self, t: float, y: Array) -> State:
+        """Return the state of y, quaternions of length 1, given lengths as their laws have them."""
         space = self.workspace
-        return State(pin.normalize(space.model, y[: space.nq]), np.array(y[space.nq : space.end]))
+        q, v = space.driven_state(t, y[: space.nq], y[space.nq : space.end])
+        return State(pin.normalize(space.model, q), v)
 
     def stored(self, t: Array, states: Array) -> Array:
-        """Return the samples as a trajectory stores them: unit quaternions."""
-        found, nq = np.array(states), self.workspace.nq
-        for row in found:
-            row[:nq] = pin.normalize(self.workspace.model, row[:nq])
+        """Return the samples as a trajectory stores them: unit quaternions, given lengths exact."""
+        found, space = np.array(states), self.workspace
+        for time, row in zip(t.tolist(), found, strict=True):
+            row[: space.nq], row[space.nq : space.end] = self.unpack(time, row)
         return found
 
     def sampled(self, t: Array, states: Array) -> tuple[Array, Array]:
@@ -241,12 +295,22 @@ class RobotEngine:
 
 
 class _Limits:
-    """Events of the limits of a URDF: positions, speeds, efforts."""
+    """Events of the limits of links' segments, and of a URDF where it is asked for: positions, speeds, efforts."""
 
-    def __init__(self, system: RobotSystem) -> None:
+    def __init__(self, system: RobotSystem, robots: bool) -> None:
         model, names = system.mechanism.model, system.mechanism.names
-        events, self.low, self.high, self.fast, self.strong = [], [], [], [], []
-        for force in names.forces.values():
+        events, self.fast, self.strong = [], list[tuple[int, float]](), list[tuple[int, float]]()
+        self.low, self.high = list[tuple[int, int, float]](), list[tuple[int, int, float]]()
+        for at, link in enumerate(system.mechanism.scene.links):
+            for which, side in ((1, "lower"), (2, "upper")):
+                if link.segment(which).motion != "free" or not model.existJointName(f"{link.name}.{side}"):
+                    continue
+                joint, (low, high) = model.joints[model.getJointId(f"{link.name}.{side}")], link.segment(which).bounds
+                for entries, way, value in ((self.low, "lower", low), (self.high, "upper", high)):
+                    if math.isfinite(value):
+                        entries.append((joint.idx_q, joint.idx_v, value))
+                        events.append((way, f"xi{at + 1}_{which} reached its limit {value:g} m"))
+        for force in names.forces.values() if robots else ():
             if not force.joint:
                 continue
             joint, name = model.joints[force.joint], force.along
@@ -261,7 +325,8 @@ class _Limits:
             if 0.0 < fast < NO_LIMIT:
                 self.fast.append((joint.idx_v, fast))
                 events.append(("fast", f"{name}_dot reached the speed limit {fast:g} {unit}/s"))
-        for at, (force, limit) in enumerate(zip(system.forces, effort_limits(system.mechanism, system.forces), strict=True)):
+        efforts = effort_limits(system.mechanism, system.forces) if robots else ()
+        for at, (force, limit) in enumerate(zip(system.forces, efforts, strict=False)):
             if math.isfinite(limit):
                 self.strong.append((at, limit))
                 events.append(("strong", f"{force.name} reached the effort limit {limit:g} {force.unit}"))

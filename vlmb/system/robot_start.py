@@ -40,12 +40,17 @@ def robot_start(system: RobotSystem, t0: float = 0.0) -> Start:
             raise SceneError(f"start.{name}: no such coordinate in this scene; {mechanism.names.hint(name)}")
     coordinates = {**mechanism.reference, **{name: float(given[name]) for name in mechanism.names.index if name in given}}
     rates = {f"{name}{DOT}": float(given.get(f"{name}{DOT}", 0.0)) for name in mechanism.names.index}
+    for drive in system.drives:
+        for name in (drive.name, drive.name + DOT):
+            if name in given:
+                raise SceneError(f"start.{name}: the law {drive.law.text!r} gives this length; remove it")
+        coordinates[drive.name], rates[drive.name + DOT], _ = drive.law.jet(t0)
     if system.on_ski:
         _along_the_ski(given, coordinates["phi0"], rates)
     _refuse_outside(system, coordinates)
     state = mechanism.state(coordinates, rates)
     space = RobotWorkspace(system)
-    q, v = _meet(system, space, t0, State(*state), {name.removesuffix(DOT) for name in given if not name.endswith(DOT)}, given)
+    q, v = _meet(system, space, t0, State(*state), _held(system, given), given)
     _refuse_singular(system, q)
     seen = mechanism.coordinates((q, v), coordinates)
     told = [
@@ -70,6 +75,11 @@ def robot_start(system: RobotSystem, t0: float = 0.0) -> Start:
     )
 
 
+def _held(system: RobotSystem, given: dict[str, float]) -> set[str]:
+    """Return the coordinates that stay as they are if the equations let them."""
+    return {name for name in given if not name.endswith(DOT)} | {drive.name for drive in system.drives}
+
+
 def _along_the_ski(given: dict[str, float], heading: float, rates: dict[str, float]) -> None:
     if "speed" in given and ("x_dot" in given or "y_dot" in given):
         raise SceneError("start.speed: give either speed or x_dot and y_dot, not both")
@@ -89,7 +99,7 @@ def _refuse_outside(system: RobotSystem, coordinates: dict[str, float]) -> None:
 
 def _rows(space: RobotWorkspace, t: float, q: Array, v: Array) -> tuple[Array, Array]:
     """Return z, z', drift (3, rows) and the rows (rows, nv) at a state."""
-    rows_of_frames(*space.arguments, t, q, v, space.dy[: space.nq], space.out, space.matrix, space.values)
+    rows_of_frames(*space.arguments, t, q, v, space.dy[: space.nq], space.out, space.matrix, space.laws)
     return space.out.copy(), space.matrix[: space.rows].copy()
 
 

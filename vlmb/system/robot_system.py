@@ -2,59 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, cast
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import bodies as of_bodies
-from vlmb.core import readings as core
 from vlmb.core.bodies import move
-from vlmb.core.opcodes import PARAMETER, RATE, SIGNAL, TIME, VALUE
 from vlmb.core.packed import FORM, MEASURED, RESIDUAL, Packed, pack, tape_parts
 from vlmb.core.readings import TRACE, Readings
 from vlmb.errors import SceneError
 from vlmb.model.laws import parameter_values, prepared, tape_breaks
-from vlmb.model.names import AXES, DOT
+from vlmb.model.names import AXES
 from vlmb.model.robot_mechanism import RobotMechanism
-from vlmb.model.robot_names import RobotForce, RobotQuantity, Row, allowed_names
-from vlmb.model.tape import CompiledTape, Leaf, compile_tape
-from vlmb.scene.expressions import Expression, parse, parse_equation
+from vlmb.model.robot_names import RobotForce
+from vlmb.model.tape import CompiledTape, compile_tape
+from vlmb.scene.by_phase import numbers_of
+from vlmb.scene.expressions import Expression, parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
-from vlmb.scene.tables import SURFACE, Place, Posture, Run, Spring
+from vlmb.scene.tables import Posture, Run
 from vlmb.system.constraints import Constraint
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
 from vlmb.system.core_rows import gain_table
-from vlmb.system.gains import require_decay
+from vlmb.system.gains import MovingGains, require_decay
+from vlmb.system.prescribed import Prescribed, breaks_of_law, require_inside
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
-from vlmb.system.robot_programme import make_robot_plan
+from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of
+from vlmb.system.robot_programme import make_robot_plan, posture_of, read_moving_gains
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-
-class Elastic(NamedTuple):
-    """A spring between two points, as a force by a law along their distance."""
-
-    quantity: int
-    stiffness: float
-    rest: float
-    rope: bool
-
-
-class Segments(NamedTuple):
-    """Springs and dampers in segments of links: where their lengths stand."""
-
-    q: Integers
-    v: Integers
-    stiffness: Array
-    damping: Array
-    rest: Array
+KEPT = ("robots", "names", "table", "roots", "reference", "_readings")  # of a mechanism, whatever phase it is in
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +58,7 @@ class RobotSystem:
     laws: int
     elastic: tuple[tuple[int, Elastic], ...]  # which forces by law are springs
     segments: Segments
+    drives: tuple[Prescribed, ...]  # lengths that follow laws
     plan: ProgrammePlan | None
     posture: Posture | None
     compiled: CompiledTape
@@ -80,6 +67,10 @@ class RobotSystem:
     readings: Readings  # without `reference` of its own
     along: Integers
     gains: Array  # (rows, 3 rows) of z, z' and drift: what W vdot shall be
+    seen: Integers  # (contacts, 3) quantities that are their points' x, y, z; -1 where there is none
+    until: Expression | None = None  # a run ends where it falls through 0
+    contacts: PhaseContacts | None = None  # of a phase
+    mover: Callable[[RobotSystem, Sequence[Any], Any], Any] | None = None  # makes its engine: (system, branch, control)
 
     @property
     def engine(self) -> str:
@@ -89,12 +80,27 @@ class RobotSystem:
     @property
     def eliminated(self) -> int:
         """Rows that are held by reactions: they come first."""
-        return 6 * len(self.welds) + len(self.edges) + self.on_ski + len(self.mechanism.scene.constraints)
+        return self.first_drive + len(self.drives) + len(self.mechanism.scene.constraints)
+
+    @property
+    def knife_edge(self) -> int:
+        """Place of the row of the ski's knife edge, where there is one."""
+        return 6 * len(self.welds) + len(self.edges)
+
+    @property
+    def first_drive(self) -> int:
+        """Place of the first row of a length that follows a law; ideal rows stand behind these."""
+        return self.knife_edge + self.on_ski
 
     @property
     def on_ski(self) -> bool:
         """Whether there is a ski with its knife edge."""
         return self.mechanism.scene.base.kind == "ski"
+
+    @property
+    def prescribed(self) -> tuple[Prescribed, ...]:
+        """Lengths by laws that go by when a phase began: none with robots."""
+        return ()
 
     @property
     def servo(self) -> int:
@@ -103,17 +109,22 @@ class RobotSystem:
 
     @cached_property
     def named(self) -> tuple[RobotForce, ...]:
-        """Forces that results tell: those by law that are no springs, inputs, controls."""
+        """Forces that results tell: those by law that are no springs and not of the air, inputs, controls."""
         springs = {at for at, _ in self.elastic}
-        return tuple(force for at, force in enumerate(self.forces) if at not in springs)
+        return tuple(force for at, force in enumerate(self.forces) if at not in springs and force.name != DRAG)
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
-        """Names of the work states: forces, ideal rows that work, and "dissipation"."""
-        names = [force.name for force in self.named]
+        """Names of the work states: forces, ideal rows that work, contacts, and "dissipation"; in a phase the run's."""
+        if self.contacts is not None:
+            return self.contacts.works
+        names = [force.name for force in self.named] + [drive.force for drive in self.drives]
         first = self.eliminated - len(self.mechanism.scene.constraints)
         names += [row.text for row in self.info[first : self.eliminated] if row.working]
-        lossy = bool(self.segments.damping.any()) or any(spring.damping for spring in self.mechanism.scene.springs)
+        scene = self.mechanism.scene
+        lossy = bool(self.segments.damping.any()) or any(spring.damping for spring in scene.springs)
+        lossy = lossy or bool(scene.base.drag or scene.base.friction)
+        names += work_names_of(self.points)
         return (*dict.fromkeys(names), *((DAMPERS,) if lossy else ()))
 
     @property
@@ -125,65 +136,54 @@ class RobotSystem:
         """Return the times in (start, end) where a law or a row switches. Raises SceneError for too many."""
         texts = ", ".join(row.text for row in self.compiled.rows)
         found = {*tape_breaks(self.compiled, self.parameters, start, end, texts)} if self.compiled.rows else set[float]()
+        names, links = {drive.name: drive for drive in self.drives}, self.mechanism.scene.links
+        for name, drive in names.items():
+            number, which = map(int, name.removeprefix("xi").split("_"))
+            found |= breaks_of_law(drive, start, end)
+            require_inside(drive, links[number - 1].segment(which).bounds, start, end)
         return tuple(sorted(found))
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
         """Return the same system with forces from outside, by name."""
-        return make_robot_system(self.mechanism, self.run, names)
+        made = make_robot_system(self.mechanism, self.run, names, self.until)
+        return dataclasses.replace(made, contacts=self.contacts, mover=self.mover)
 
+    def commanded(self, names: Sequence[str]) -> RobotSystem:
+        """Return the same system without a programme, with forces from outside in its place."""
+        scene: Any = msgspec.structs.replace(self.mechanism.scene, programme=None)
+        made = dataclasses.replace(self.mechanism, scene=scene)
+        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
+        return dataclasses.replace(make_robot_system(made, self.run, names), mover=self.mover)
 
-class Quantities:
-    """Collects what equations, laws and forces read, each once; and frames that no body of the model has."""
+    def moved_by(self, mover: Callable[[RobotSystem, Sequence[Any], Any], Any]) -> RobotSystem:
+        """Return the same system with what makes its engine."""
+        return dataclasses.replace(self, mover=mover)
 
-    def __init__(self, mechanism: RobotMechanism) -> None:
-        self.mechanism, self.names, self.table = mechanism, mechanism.names, mechanism.table
-        self.scene, self.signals = mechanism.scene, mechanism.signals
-        self.parameters = {name: at for at, name in enumerate(self.scene.parameters)}
-        self.rows: dict[tuple[Row, float], int] = {}
-        self.lengths: dict[str, int] = {}  # of springs, by the names that their laws use
-        self.frames = [(int(body), *place) for body, place in zip(self.table.frame, self.table.place.tolist(), strict=True)]
+    @cached_property
+    def points(self) -> tuple[ContactPoint, ...]:
+        """The contacts of the scene."""
+        return contact_points(cast(Any, self.mechanism))
 
-    def of(self, quantity: RobotQuantity) -> int:
-        """Return where a quantity stands."""
-        return self.place(quantity.row, quantity.offset)
-
-    def place(self, row: Row, offset: float = 0.0) -> int:
-        """Return where a row of the core's table stands."""
-        return self.rows.setdefault((row, offset), len(self.rows))
-
-    def new_frame(self, body: int, turn: Array, place: Array) -> int:
-        """Add a frame on a body."""
-        self.frames.append((body, *np.asarray(turn, float).ravel().tolist(), *np.asarray(place, float).tolist()))
-        return len(self.frames) - 1
-
-    def resolve(self, name: str) -> Leaf:
-        """Return what a name of an equation is to the tape."""
-        if name == "t":
-            return Leaf(TIME)
-        if name in self.parameters:
-            return Leaf(PARAMETER, self.parameters[name])
-        if name in self.signals:
-            return Leaf(SIGNAL, self.signals[name])
-        if name.removesuffix(DOT) in self.lengths:
-            return Leaf(RATE if name.endswith(DOT) else VALUE, self.lengths[name.removesuffix(DOT)])
-        quantity = self.names.find(name)
-        return Leaf(RATE if quantity.rate else VALUE, self.of(quantity), quantity.angle)
-
-    def made(self) -> Readings:
-        """Return the table for the core."""
-        frames = np.array(self.frames, float).reshape(-1, 13)
-        kinds = np.array([row for row, _ in self.rows], np.int64).reshape(-1, 4)
-        offsets = np.array([offset for _, offset in self.rows], float)
-        return Readings(
-            frames[:, 0].astype(np.int64), np.ascontiguousarray(frames[:, 1:]), kinds, offsets, np.zeros((len(kinds), 2)),
-            np.array([self.table.mass or 1.0]),
-        )  # fmt: skip
+    def phase(
+        self, footings: Sequence[Footing], bare: bool = False, began: float = 0.0, closed: Collection[str] | None = None
+    ) -> RobotSystem:
+        """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
+        scene = self.mechanism.scene
+        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare, began, closed))
+        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
+        contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
+        system = make_robot_system(made, self.run, None if bare else self.inputs or None, None if bare else self.until)
+        return dataclasses.replace(system, contacts=contacts, mover=self.mover)
 
 
 def make_robot_system(
-    mechanism: RobotMechanism, run: Run | None = None, inputs: Sequence[str] | None = None, **options: Any
-) -> RobotSystem:
-    """Compile all that acts on a mechanism with robots. Raises SceneError for what is wrong with it."""
+    mechanism: RobotMechanism, run: Run | None = None, inputs: Sequence[str] | None = None, until: Expression | None = None,
+    **options: Any,
+) -> RobotSystem:  # fmt: skip
+    """Compile all that acts on a mechanism with robots; a run ends where `until` falls through 0.
+
+    Raises SceneError for what is wrong with it.
+    """
     scene = mechanism.scene
     run = msgspec.structs.replace(scene.run if run is None else run, **options)
     if run.engine == "core":
@@ -191,31 +191,39 @@ def make_robot_system(
     if run.knife_edge == "projection":
         raise SceneError("run.knife_edge = 'projection': with robots there are 'reduction' and 'multiplier'")
     quantities, programme = Quantities(mechanism), scene.programme
-    names = allowed_names(mechanism.names, [*scene.parameters, *mechanism.signals])
+    names = mechanism.allowed
     welds, edges, held = _frames_held(quantities)
     rows = rows_of(scene)
-    equations = [parse_equation(row.equation, row.key, names) for row in (*rows.ideal, *rows.servo, *rows.secondary)]
-    roots, forces, elastic = _laws(quantities, names)
+    drives = drives_of(mechanism)
+    equations = [parse_equation(row_of(drive), "links", names) for drive in drives]
+    equations += [parse_equation(row.equation, row.key, names) for row in (*rows.ideal, *rows.servo, *rows.secondary)]
+    roots, forces, elastic = laws_of(quantities, names)
     laws = len(forces)
     forces += [mechanism.names.force(name, "control") for name in inputs or ()]
     controls = mechanism.names.chosen(programme.controls, "programme.controls") if programme else ()
     forces += controls
     along = np.array([_along(quantities, force) for force in forces], np.int64)
+    moving = MovingGains() if programme is None else read_moving_gains(mechanism, programme, controls, names)
+    roots += [*moving.laws, *([] if until is None else [until])]
     compiled = compile_tape([*equations, *roots], quantities.resolve, mechanism.signals.pieces)
-    parameters = parameter_values(scene.parameters)
+    parameters = parameter_values(numbers_of(scene))
     info = [Constraint(name, not name.startswith("edge:"), False, frozenset(), False) for name in held]
     if scene.base.kind == "ski":
         info.append(Constraint("knife_edge", False, False, frozenset(), False))
-    ideal, servo = len(info) + len(rows.ideal), len(rows.servo)
-    for row, equation, facts in zip((*rows.ideal, *rows.servo, *rows.secondary), equations, compiled.rows, strict=False):
+    info += [Constraint(drive.force, True, False, frozenset(), True) for drive in drives]
+    ideal, servo, own = len(info) + len(rows.ideal), len(rows.servo), slice(len(drives), len(equations))
+    every = zip((*rows.ideal, *rows.servo, *rows.secondary), equations[own], compiled.rows[own], strict=True)
+    for row, equation, facts in every:
         if not facts.moves:
             raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
         info.append(Constraint(row.name, facts.position, facts.angle, equation.names, facts.working))
     if ideal:
         require_decay(run)
     first, second = info[ideal : ideal + servo], info[ideal + servo :]
-    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, first, second, run)
+    plan = None if programme is None else make_robot_plan(mechanism, programme, controls, first, second, run, moving)
     forms = [form_of_row(facts.position, facts.angle) for facts in compiled.rows[: len(equations)]]
+    points = contact_points(cast(Any, mechanism))
+    seen = np.array([[_seen(quantities, name) for name in point.names] for point in points], np.int64)
     readings = quantities.made()
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, [*equations, *roots]), parameters) | {
         FORM: np.array(forms, np.int64), MEASURED: np.zeros(3 * len(readings.kind)), RESIDUAL: np.zeros(3 * len(forms)),
@@ -224,11 +232,16 @@ def make_robot_system(
     law = np.hstack([h, k, -np.eye(len(info))])
     if scene.base.kind == "ski" and run.knife_edge == "reduction":  # it begins at 0 and stays there
         law[len(held)] = 0.0
-    posture = None if programme is None else programme.posture or Posture()
+    posture = None if programme is None or programme.u0 is not None else posture_of(programme)
     return RobotSystem(
         mechanism, run, tuple(inputs or ()), tuple(info), welds, edges, held, tuple(forces), laws, tuple(elastic),
-        _segments(mechanism), plan, posture, compiled, parameters, pack(parts), readings, along, law,
+        segments_of(mechanism), drives, plan, posture, compiled, parameters, pack(parts), readings, along, law,
+        seen.reshape(-1, 3), until,
     )  # fmt: skip
+
+
+def _seen(quantities: Quantities, name: str) -> int:
+    return quantities.of(quantities.names.find(name)) if name else -1
 
 
 def _along(quantities: Quantities, force: RobotForce) -> int:
@@ -300,53 +313,3 @@ def _pose_of(quantities: Quantities, bodies: of_bodies.Bodies, frame: int) -> tu
     return about @ place[:9].reshape(3, 3), body[9:12] + about @ place[9:]
 
 
-def _laws(quantities: Quantities, names: Any) -> tuple[list[Expression], list[RobotForce], list[tuple[int, Elastic]]]:
-    """Return the laws of a scene's forces and springs, what they act along, and which are springs."""
-    scene, roots, forces = quantities.scene, list[Expression](), list[RobotForce]()
-    for at, force in enumerate(scene.forces):
-        key = f"forces[{at}]"
-        if force.on is not None:
-            forces.append(quantities.names.force(force.on, f"{key}.on"))
-            roots.append(parse(0.0 if force.law is None else force.law, f"{key}.law", names))
-        elif force.at is not None:
-            if force.frame != SURFACE:
-                raise SceneError(f"{key}.frame = {force.frame!r}: with robots forces at points are given in the surface frame")
-            for axis, law in zip(AXES, force.force or (), strict=True):
-                forces.append(quantities.names.force_at(force.at, axis, f"{key}.at"))
-                roots.append(parse(law, f"{key}.force", names))
-    elastic = []
-    for at, spring in enumerate(scene.springs):
-        key, name = f"springs[{at}]", f"spring_{at}"
-        ends = [_end(quantities, place, f"{key}.between[{k}]") for k, place in enumerate(spring.between)]
-        where = quantities.place((core.BETWEEN, ends[0], 0, ends[1]))
-        quantities.lengths[name] = where
-        elastic.append((len(forces), Elastic(where, spring.stiffness, spring.rest, spring.tension_only)))
-        forces.append(RobotForce(name, "N", name))
-        roots.append(parse(_spring_law(spring, name), key, [name, name + DOT]))
-    return roots, forces, elastic
-
-
-def _spring_law(spring: Spring, name: str) -> str:
-    pull = f"({spring.stiffness!r}*({name} - {spring.rest!r}) + {spring.damping!r}*{name}{DOT})"
-    if spring.tension_only:
-        return f"where({name} < {spring.rest!r}, 0, -max(0, {pull}))"
-    return f"-{pull}"
-
-
-def _end(quantities: Quantities, place: Place, key: str) -> int:
-    if isinstance(place, str):
-        return quantities.mechanism.frame(place, key)
-    return quantities.new_frame(0, np.eye(3), np.array(place))
-
-
-def _segments(mechanism: RobotMechanism) -> Segments:
-    """Return the springs and dampers of the links' segments."""
-    model, found = mechanism.model, []
-    for link in mechanism.scene.links:
-        for side, segment in (("lower", link.lower), ("upper", link.upper)):
-            name = f"{link.name}.{side}"
-            if segment.motion == "free" and model.existJointName(name) and (segment.stiffness or segment.damping):
-                joint = model.joints[model.getJointId(name)]
-                found.append((joint.idx_q, joint.idx_v, segment.stiffness, segment.damping, segment.rest_length))
-    columns = np.array(found, float).reshape(-1, 5).T
-    return Segments(columns[0].astype(np.int64), columns[1].astype(np.int64), *columns[2:])

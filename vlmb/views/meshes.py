@@ -30,7 +30,8 @@ def load_mesh(path: Path, scale: tuple[float, ...], most: int) -> Mesh | None:
         return None
     factors = np.array(scale if len(scale) == 3 else (scale[0],) * 3)
     faces = mesh.faces[:, ::-1] if factors.prod() < 0.0 else mesh.faces
-    return simplified(Mesh(mesh.vertices * factors, faces), most)
+    found = simplified(Mesh(mesh.vertices * factors, faces), most)
+    return Mesh(found.vertices, found.faces, True)  # walls that fell together have no common normals
 
 
 def _read_stl(path: Path) -> Mesh | None:

@@ -27,6 +27,7 @@ PLAIN = "#b9c0c8"  # where a URDF tells no colour
 BOXED = "#8fa3b8"  # boxes of inertia
 WIDE = 4.0  # of a board, times a ski
 TRAIL_SECONDS = 2.0
+MARGIN = 1.3  # of a view around the meshes
 FACES = 50_000  # of all meshes of a robot
 
 
@@ -84,8 +85,10 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
             wide = np.array([1.0, WIDE if body.path == "ski" else 1.0, 1.0])
             bodies.append(Body(body.path, body.shape, body.colour, body.position, body.rotation, wide))
         bodies += draw_ways(base, size, None)
+    drawn: list[tuple[int, Mesh]] = []
     for number, robot in enumerate(scene.robots):
         parts = _parts(mechanism, number)
+        drawn += [(joint, mesh) for joint, own in parts.items() for mesh in own.values()]
         for joint in sorted(parts):
             path = f"robots/{robot.name}/{identifier(model.names[joint].partition('.')[2] or 'base')}"
             where = (places[joint], turns[joint]) if joint else (np.zeros(3), np.eye(3))
@@ -105,7 +108,11 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
     ground = draw_ground(everything, size, "ski" if on_ski else "pivot")
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
     focus = smooth(centre) if moves else np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape)
+    first = [mesh.vertices @ turns[joint, 0].T + places[joint, 0] if joint else mesh.vertices for joint, mesh in drawn]
+    whole = np.concatenate([everything[0], *first])  # heads and hands are beyond their joints
+    focus = focus + (0.5 * (whole.min(axis=0) + whole.max(axis=0)) - centre[0] if moves else 0.0)
     radius = float(np.linalg.norm(everything - focus[:, None], axis=2).max()) + 0.2 * size
+    radius = max(radius, MARGIN * float(np.linalg.norm(whole - focus[0], axis=1).max()))
     return Scenery(scene.name, t, scene.slope, tuple(bodies), ground, np.array(focus), radius)
 
 
