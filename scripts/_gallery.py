@@ -45,6 +45,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "jumper": {"time": 0.36, "ghosts": 1, "since": 0.0, "view_from": (0.3, -1.0, 0.2)},
     "chaplygin_sleigh": {"time": 3.0, "ghosts": 6},
     "skate_on_slope": {"ghosts": 12},
+    "skate_lets_go": {"ghosts": 12},
+    "ski_jump": {"time": 1.62, "ghosts": 5, "since": 0.95},
 }
 SMALL, QUALITY = (480, 300), 88  # of the pictures of the documentation
 

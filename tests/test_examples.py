@@ -37,6 +37,16 @@ def test_a_walker_needs_almost_the_speed_of_a_point_mass(tmp_path: Path) -> None
     assert least == pytest.approx(rigid, rel=0.1)
 
 
+def test_a_crane_that_takes_its_time_leaves_its_load_at_rest(tmp_path: Path) -> None:
+    text = said("crane", tmp_path)
+    sways = [float(value) for value in re.findall(r" s +(\d\.\d+) m", text)]
+    assert len(sways) == 20 and max(sways) == sways[0] > 4.0 and min(sways) < 0.15
+    best, period = map(float, re.findall(r"in (\d+\.\d) s", text))
+    assert 2.0 * period < best < 3.0 * period
+    least, most = map(int, re.search(r"carries (\d+) to (\d+) N", text).groups())
+    assert least < 800.0 * 9.81 < most  # the load's weight
+
+
 def test_each_is_short_and_tested() -> None:
     tested = Path(__file__).read_text(encoding="utf-8")
     for path in EXAMPLES:

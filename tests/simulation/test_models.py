@@ -53,7 +53,7 @@ def degrees_of_freedom(trajectory: vlmb.Trajectory, count: int) -> None:
     """Independent velocities: coordinates less the knife edge and the prescribed lengths; the model's, less the links' spins."""
     scene, mechanism = trajectory.scene, trajectory.mechanism
     prescribed = sum(link.segment(k).motion == "prescribed" for link in scene.links for k in (1, 2))
-    edge = scene.base.kind == "ski"
+    edge = scene.base.kind == "ski" and not scene.base.lift  # one that may lift has it in some phases only
     spins = 0 if scene.plane else len(scene.links)
     assert len(mechanism.coordinate_names) - prescribed - edge == count
     assert mechanism.model.nv - spins - prescribed - edge == count
@@ -107,6 +107,16 @@ def stops_by(trajectory: vlmb.Trajectory, words: str) -> None:
 def stop_time(trajectory: vlmb.Trajectory, bounds: list[float]) -> None:
     """Bounds in s."""
     assert trajectory.t[-1] < trajectory.run.duration and bounds[0] <= trajectory.t[-1] <= bounds[1]
+
+
+@key
+def happens(trajectory: vlmb.Trajectory, events: list[list[Any]]) -> None:
+    """Kind, name and bounds [s] of events, in this order; others may stand between them."""
+    rest = list(trajectory.events)
+    for kind, name, low, high in events:
+        while rest and not ((rest[0].kind, rest[0].name) == (kind, name) and low <= rest[0].t <= high):
+            rest.pop(0)
+        assert rest, (kind, name, low, high, [event[:3] for event in trajectory.events])
 
 
 @key
@@ -518,6 +528,7 @@ BROKEN: dict[str, tuple[str, Any]] = {
     "angular_momentum": ("one_link", 1e-3),
     "center_of_mass": ("one_link", 1e-3),
     "closed_form": ("skate_on_slope", {"skate": 1e-17}),
+    "happens": ("skate_lets_go", [["stick", "ski", 2.9, 3.0], ["slip", "ski", 0.7, 0.8]]),
     "within": ("one_link", {"xi1_1": [0.0, 0.3]}),
     "at_end": ("one_link", {"t": [0.0, 9.0]}),
     "spans": ("one_link", {"t": 11.0}),

@@ -78,7 +78,7 @@ def in_the_core(plan: CorePlan, q: np.ndarray, v: np.ndarray, vdot: np.ndarray) 
     found = np.zeros(plan.velocities)
     if layout.base == "ski":
         slipping = plan.arrays.tree.shape[columns.BASE_KIND] != columns.SKI
-        own = [0, 1, 2] if slipping else [0, 2]  # ahead, sideways, yaw
+        own = list(range(layout.base_size)) if slipping else [0, 2]  # ahead, sideways, yaw, up
         found[: len(own)] = vdot[own]
     elif layout.base == "free":
         found[[0, 2] if layout.plane else [0, 1, 2]] = vdot[: layout.base_size]

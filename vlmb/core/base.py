@@ -25,6 +25,7 @@ from vlmb.core.tree import (
     FREE,
     FREE_BASE,
     GRAVITY,
+    LIFTED,
     LINKS,
     PIVOT,
     POSITIONS,
@@ -168,6 +169,8 @@ def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows:
     """Write the base's accelerations to `out` from `at` on, `bias` being its point's without them; returns a fault."""
     n = tree.shape[LINKS]
     kind = tree.shape[BASE_KIND]
+    if kind == LIFTED:
+        return move_lifted(tree, bias, force, out, at, rows)
     if kind >= SKI:
         return move_ski(tree, bias, force, out, at, rows)
     if kind == PIVOT:
@@ -178,6 +181,23 @@ def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows:
     sound, point = solve3(whole, add_scaled(vector(force, 0), -1.0, loads))
     put_row(rows, n, c.POINT, point)
     put(out, at, add_scaled(point, -1.0, bias))
+    return 0 if sound else FREE_BASE
+
+
+@kernel(inline=True)
+def move_lifted(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array) -> int:
+    """Solve for the acceleration of a ski that may leave the snow: all hinges and its centre are at A, so that it turns alone."""
+    n = tree.shape[LINKS]
+    forward, left = heading(tree, rows)
+    mass, sums, loads = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(rows, n, c.FORCE)
+    whole = Sym3(sums.xx + mass, sums.xy, sums.xz, sums.yy + mass, sums.yz, sums.zz + mass)
+    flat = add_scaled(scale(force[0], forward), force[1], left)
+    sound, point = solve3(whole, add_scaled(Vector(flat.x, flat.y, flat.z + force[3]), -1.0, loads))
+    moved = add_scaled(point, -1.0, bias)
+    yaw = (force[2] - rows[n, c.TURN_FORCE]) / tree.base[BASE_INERTIA]
+    put_row(rows, n, c.POINT, point)
+    rows[n, c.YAW] = yaw
+    out[at], out[at + 1], out[at + 2], out[at + 3] = dot(forward, moved), dot(left, moved), yaw, moved.z
     return 0 if sound else FREE_BASE
 
 
@@ -237,3 +257,5 @@ def drive_base(tree: Tree, y: Array, dy: Array, rows: Array) -> None:
             dy[0] -= y[first + 1] * sine
             dy[1] += y[first + 1] * cosine
             dy[2] = y[first + 2]
+        if kind == LIFTED:
+            dy[3] = y[first + 3]

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Buffers, Tape
+from vlmb.core.places import heading, leftwards
 from vlmb.core.quantities import Quantities, add_row, measure
 from vlmb.core.row_arrays import FIRST, RowMemory, Rows, Sizes, Space
 from vlmb.core.scalars import sqrt
@@ -26,9 +27,10 @@ from vlmb.core.triples import Vector, across, dot, plus, scaled
 # slides.
 AT, COUNT, PLACE, HEAT, CARRIED, SLIDES = 0, 1, 2, 5, 6, 7
 # Columns of `grip`, and of `contacts` of a memory: coefficient while it slides and at rest, velocity of the surface [m/s], unit
-# vector that it slides along, whether it may slide any way (1) or to and fro (0); then, written by evaluations: |g|, the normal,
-# how fast it slides [m/s], along what.
+# vector that it slides along, whether it may slide any way (1) or to and fro (0), or is a ski (2), whose shares ahead and to the
+# left stand for the vector; then, written by evaluations: |g|, the normal, how fast it slides [m/s], along what.
 MU, MU_AT_REST, SURFACE, TOWARDS, ANY_WAY, SIZE, NORMAL, SPEED, ALONG = 0, 1, 2, 5, 8, 9, 10, 13, 14
+OF_SKI = 2.0
 SLOW = 1e-6  # [m/s] below which the last direction stays
 
 
@@ -111,6 +113,9 @@ def write_pushes(
             moving = velocity_of(place, quantities, tree, y, given, reference, measured)
             v = across(plus(moving, -1.0, three(known, SURFACE)), normal)
             d = way_of(known, v, normal)
+            if known[ANY_WAY] == OF_SKI:
+                h = heading(tree, y)
+                d = plus(scaled(known[TOWARDS], h), known[TOWARDS + 1], leftwards(h))
             known[SIZE], known[SPEED] = size, dot(v, d)
             known[NORMAL], known[NORMAL + 1], known[NORMAL + 2] = normal[0], normal[1], normal[2]
             known[ALONG], known[ALONG + 1], known[ALONG + 2] = d[0], d[1], d[2]
@@ -179,6 +184,6 @@ def sliding_speed(
 def keep_ways(rows: Rows, memory: RowMemory) -> None:
     """Take the directions of the last evaluation as those at an accepted step."""
     for c in range(rows.contacts.shape[0]):
-        if rows.contacts[c, SLIDES] != 0:
+        if rows.contacts[c, SLIDES] != 0 and memory.contacts[c, ANY_WAY] != OF_SKI:
             for axis in range(3):
                 memory.contacts[c, TOWARDS + axis] = memory.contacts[c, ALONG + axis]

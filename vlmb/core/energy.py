@@ -19,6 +19,7 @@ from vlmb.core.tree import (
     K1,
     K2,
     LENGTH,
+    LIFTED,
     LINKS,
     LOWER_FREE,
     MASS,
@@ -69,9 +70,11 @@ def carried_by_base(tree: Tree, y: Array, ahead: float, aside: float, high: floa
         return vector(y, 0), vector(y, first)
     forward, left = Vector(cos(y[2]), sin(y[2]), zero), Vector(-sin(y[2]), cos(y[2]), zero)
     yaw, sideways = yaw_of(tree, y), zero if kind == SKI else y[first + 1]
-    place = add_scaled(add_scaled(Vector(y[0], y[1], high), ahead, forward), aside, left)
+    lift, rise = (y[3], y[first + 3]) if kind == LIFTED else (zero, zero)
+    place = add_scaled(add_scaled(Vector(y[0], y[1], high + lift), ahead, forward), aside, left)
     # speed forward + sideways left + phi' z x r
-    return place, add_scaled(scale(y[first] - yaw * aside, forward), sideways + yaw * ahead, left)
+    rate = add_scaled(scale(y[first] - yaw * aside, forward), sideways + yaw * ahead, left)
+    return place, Vector(rate.x, rate.y, rise)
 
 
 @kernel(inline=True)

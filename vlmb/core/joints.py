@@ -66,16 +66,18 @@ def heading_of(tree: Tree, q: Array) -> Vector:
     """Return the heading of the base in the frame of the directions."""
     if tree.shape[of.UPRIGHT] != 0:
         return 1.0, 0.0, 0.0
-    return (q[2], q[3], 0.0) if tree.shape[of.BASE_KIND] == of.SLIDING else (1.0, 0.0, 0.0)
+    return (q[2], q[3], 0.0) if tree.shape[of.BASE_KIND] >= of.SLIDING else (1.0, 0.0, 0.0)
 
 
 @inner
 def read_base(joints: Joints, tree: Tree, q: Array, v: Array, yaw: float, y: Array) -> None:
     """Write the base's entries of the core's state; its heading nearest to `yaw`."""
     rates = tree.shape[of.POSITIONS]
-    if tree.shape[of.BASE_KIND] == of.SLIDING:
+    if tree.shape[of.BASE_KIND] >= of.SLIDING:
         y[0], y[1], y[2] = q[0], q[1], nearest_turn(atan2(q[3], q[2]), yaw)
         y[rates], y[rates + 1], y[rates + 2] = v[0], v[1], v[2]
+        if tree.shape[of.BASE_KIND] == of.LIFTED:
+            y[3], y[rates + 3] = q[4], v[3]
     elif tree.shape[of.BASE_KIND] == of.FREE:
         for k in range(joints.shape[BASE_SIZE]):
             axis = 2 * k if joints.shape[PLANE] != 0 else k
@@ -95,7 +97,7 @@ def turn_link(joints: Joints, tree: Tree, i: int, v: Array, axes: Array, spin: A
     if parent >= 0:
         before, growth = triple(spin, parent, SPIN), triple(spin, parent, SPIN_DRIFT)
     else:
-        turns = tree.shape[of.BASE_KIND] == of.SLIDING and tree.shape[of.UPRIGHT] == 0
+        turns = tree.shape[of.BASE_KIND] >= of.SLIDING and tree.shape[of.UPRIGHT] == 0
         before, growth = (0.0, 0.0, v[2] if turns else 0.0), (0.0, 0.0, 0.0)
     omega = before
     for k in range(at, at + (1 if joints.shape[PLANE] != 0 else 3)):
@@ -152,7 +154,7 @@ def carry(joints: Joints, tree: Tree, axes: Array, y: Array, row: Array, moment:
     """Write into `out` (engine's nv,) what a row (core's nv,) is over the engine's velocities."""
     for k in range(out.shape[0]):
         out[k] = 0.0
-    sliding, n = tree.shape[of.BASE_KIND] == of.SLIDING, tree.shape[of.LINKS]
+    sliding, n = tree.shape[of.BASE_KIND] >= of.SLIDING, tree.shape[of.LINKS]
     for i in range(n):
         p, at = tree.link[i, of.AT_P], tree.link[i, of.AT_V]
         moment[i, 0], moment[i, 1], moment[i, 2] = cross((y[p], y[p + 1], y[p + 2]), (row[at], row[at + 1], row[at + 2]))
@@ -164,6 +166,8 @@ def carry(joints: Joints, tree: Tree, axes: Array, y: Array, row: Array, moment:
             out[joints.link[i, UPPER_V]] = row[at]
     if sliding:
         out[0], out[1], out[2] = row[0], row[1], row[2]
+        if tree.shape[of.BASE_KIND] == of.LIFTED:
+            out[3] = row[3]
     elif tree.shape[of.BASE_KIND] == of.FREE:
         for k in range(joints.shape[BASE_SIZE]):
             out[k] = row[2 * k if joints.shape[PLANE] != 0 else k]
@@ -186,7 +190,7 @@ def read_joints(i: Integers, reals: Array, q: Array, v: Array, axes: Array, bran
     """
     tree, quantities, measured = tree_of(i, reals), quantities_of(i, reals), table(reals, i, packed.MEASURED, 3)
     y, reference, levels = part(reals, i, packed.STATE), table(reals, i, packed.REFERENCE, 2), table(i, i, packed.LEVELS, 2)
-    yaw = branch[2] if tree.shape[of.BASE_KIND] == of.SLIDING else 0.0
+    yaw = branch[2] if tree.shape[of.BASE_KIND] >= of.SLIDING else 0.0
     read_state(joints_of(i), tree, q, v, axes, yaw, y, part(reals, i, packed.BEND), table(reals, i, packed.SPIN, 6))
     for k in range(levels.shape[0]):
         if quantities.kind[k, KIND] == PLANE_ELEVATION:  # turns in a plane just grow

@@ -27,7 +27,7 @@ LOWER, UPPER, BOTH = 1, 2, 3  # segments that a distance along a link includes
 @inner
 def steers(tree: Tree) -> bool:
     """Tell whether the base is a ski, whose heading turns."""
-    return tree.shape[of.BASE_KIND] == of.SKI or tree.shape[of.BASE_KIND] == of.SLIDING
+    return tree.shape[of.BASE_KIND] >= of.SKI
 
 
 @inner
@@ -160,8 +160,10 @@ def base_place(tree: Tree, y: Array) -> Motion:
         return (y[0], y[1], y[2]), (y[v], y[v + 1], y[v + 2]), (0.0, 0.0, 0.0)
     h, w = heading(tree, y), yaw_rate(tree, y)
     n = leftwards(h)
-    sideways = y[v + 1] if kind == of.SLIDING else 0.0
-    return (y[0], y[1], 0.0), plus(scaled(y[v], h), sideways, n), plus(scaled(w * y[v], n), -w * sideways, h)
+    sideways = y[v + 1] if kind >= of.SLIDING else 0.0
+    high, rising = (y[3], y[v + 3]) if kind == of.LIFTED else (0.0, 0.0)
+    velocity = plus(scaled(y[v], h), sideways, n)
+    return (y[0], y[1], high), (velocity[0], velocity[1], rising), plus(scaled(w * y[v], n), -w * sideways, h)
 
 
 @inner
@@ -174,8 +176,10 @@ def push_base(tree: Tree, h: Vector, e: Vector, out: Array) -> None:
         out[2] += e[2]
     elif kind != of.PIVOT:
         out[0] += dot(e, h)
-        if kind == of.SLIDING:
+        if kind >= of.SLIDING:
             out[1] += dot(e, leftwards(h))
+        if kind == of.LIFTED:
+            out[3] += e[2]
 
 
 @inner

@@ -32,7 +32,9 @@ FORM, WHICH = range(2)
 # GROWTH: the rate of a quantity
 # STANDS: the speed of a ski that slides; SLIPS: what friction could still hold; LIFTS: the normal force; YIELDS: 1 - mu |c|
 # of a closed contact: its normal force, what friction could still hold, how fast it slides
+# BITES: what the ideal row WHICH of a ski could still hold, SIDE times the force of row BOUND; MOVES: a velocity of the state
 QUANTITY, SWITCH, LINE_UP, WORTH_OF_ROWS, NOTHING, GROWTH, STANDS, SLIPS, LIFTS, YIELDS, HOLDS, GRIPS, STOPS = range(13)
+BITES, MOVES = 13, 14
 SIDE, BOUND = range(2)  # columns of `bound`: the indicator is side * (quantity - bound); of a line-up the way that is watched
 
 # What may be wrong: a code is source * SOURCES + what the source says.

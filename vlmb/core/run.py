@@ -29,6 +29,7 @@ from vlmb.core.jit import inner, kernel
 from vlmb.core.march import march_here
 from vlmb.core.places import link_direction
 from vlmb.core.plant import (
+    BITES,
     BOUND,
     CENTRE,
     FORM,
@@ -38,6 +39,7 @@ from vlmb.core.plant import (
     HOLDS,
     LIFTS,
     LINE_UP,
+    MOVES,
     NOTHING,
     QUANTITY,
     SIDE,
@@ -295,6 +297,14 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             out[VALUE, k], out[RATE, k] = 1.0, 0.0
             if plant.rows.contacts.shape[0] > 0:
                 out[VALUE, k] = look_at_contact(plant, memory, form, which, y)
+        elif form == BITES and plant.rows.table.shape[0] > 0:
+            sizes = sizes_of(plant.rows)
+            shares, at = view(sizes, memory.rows).shares, sizes.controls
+            hold, normal = plant.bound[k, SIDE], int(plant.bound[k, BOUND])
+            out[VALUE, k], out[RATE, k] = hold * shares[at + normal] - abs(shares[at + which]), 0.0
+        elif form == MOVES:
+            first = tree.shape[of.POSITIONS]
+            out[VALUE, k], out[RATE, k] = plant.bound[k, SIDE] * y[first + which], plant.bound[k, SIDE] * dy[first + which]
         elif form == SWITCH:
             out[VALUE, k], out[RATE, k] = memory.switches[which, 0], memory.switches[which, 1]
         elif form == LINE_UP:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PIVOT, FREE, SKI, SLIDING = range(4)  # kinds of a base; SKI has its knife edge reduced, SLIDING may move sideways
+PIVOT, FREE, SKI, SLIDING, LIFTED = range(5)  # kinds of a base; SKI: knife edge reduced; SLIDING: sideways; LIFTED: up, too
 TIP, ROD = range(2)  # where a link hangs on its parent
 BASE_KIND, POSITIONS, VELOCITIES, LINKS, UPRIGHT = range(5)  # columns of `shape`; see Tree
 BASE_MASS, BASE_INERTIA, COM_OFFSET, GRAVITY = range(4)  # columns of `base`; gravity takes three

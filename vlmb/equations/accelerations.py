@@ -18,9 +18,11 @@ from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.scene import Scene
+from vlmb.system.beginning import beginning, touching
+from vlmb.system.forces import StateView
 from vlmb.system.pace import require_data
 from vlmb.system.prescribed import prescribed_segments
-from vlmb.system.system import make_system
+from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
@@ -46,7 +48,7 @@ def accelerations(
     t : [s] of laws
 
     Raises SceneError naming a coordinate that is missing, unknown, not finite or against its law, and a ski's motion across its
-    edge; SingularError where the acceleration of an azimuth is asked for at its pole.
+    edge, or contacts that touch; SingularError where the acceleration of an azimuth is asked for at its pole.
     """
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     t = finite("t", t)
@@ -57,8 +59,10 @@ def accelerations(
     motion = all_rates(mechanism, values, speeds)
     _refuse_sideways(layout, values, motion)
     _refuse_pole(layout, values)
-    workspace = make_system(mechanism).workspace(branch=[values[name] for name in layout.names])
-    vdot = workspace.rhs(t, workspace.pack(mechanism.state(values, motion)))[workspace.nq : workspace.nq + workspace.nv]
+    system, state = make_system(mechanism), mechanism.state(values, motion)
+    _refuse_contacts(system, StateView(mechanism, t, mechanism.postures(state), [values[name] for name in layout.names], state))
+    workspace = beginning(system, t).workspace(branch=[values[name] for name in layout.names])
+    vdot = workspace.rhs(t, workspace.pack(state))[workspace.nq : workspace.nq + workspace.nv]
     chart = VelocityMap(mechanism, values, make_data(mechanism.model))
     products = chart.products(np.array([motion[f"{name}_dot"] for name in layout.names]))
     found = np.linalg.lstsq(chart.velocities(np.eye(len(layout.names))).T, vdot - products, rcond=None)[0]
@@ -79,8 +83,15 @@ def _with_laws(
     return posture, speeds
 
 
+def _refuse_contacts(system: System, view: StateView) -> None:
+    names = sorted(touching(system, view)) if system.points else []
+    if names:
+        why = "whether they push, slip or open is found in a run: take its first sample, or lift them off"
+        raise SceneError(f"contacts: {', '.join(names)} touch here, and {why}")
+
+
 def _refuse_sideways(layout: Layout, values: Mapping[str, float], motion: Mapping[str, float]) -> None:
-    if layout.base != "ski":
+    if not layout.edged:
         return
     cosine, sine = math.cos(values["phi0"]), math.sin(values["phi0"])
     sideways = cosine * motion["y_dot"] - sine * motion["x_dot"]

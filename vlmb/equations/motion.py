@@ -254,6 +254,8 @@ def equations_of_motion(
     Raises SceneError naming a missing, unknown or non-finite coordinate and its link.
     """
     layout = mechanism.layout
+    if layout.lifts:
+        raise SceneError("equations of motion are there for a ski on the snow: set base.lift = false for them")
     allowed = FORMS if layout.base == "ski" else FORMS[:1]
     if form not in allowed:
         where = "" if form not in FORMS else f" of a {layout.base!r} base"

@@ -26,7 +26,9 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BASES = {"pivot": columns.PIVOT, "free": columns.FREE, "ski": columns.SKI}
-BASE_SIZES = {columns.PIVOT: (0, 0), columns.FREE: (3, 3), columns.SKI: (3, 2), columns.SLIDING: (3, 3)}  # in p and in v
+BASE_SIZES = {
+    columns.PIVOT: (0, 0), columns.FREE: (3, 3), columns.SKI: (3, 2), columns.SLIDING: (3, 3), columns.LIFTED: (4, 4),
+}  # in p and in v  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,9 @@ class Arrays:
         kind = int(self.tree.shape[columns.BASE_KIND])
         if layout.base == "ski":
             p[..., :2], p[..., 2] = q[..., :2], np.arctan2(q[..., 3], q[..., 2])
-            w[..., : BASE_SIZES[kind][1]] = v[..., [0, 2] if kind == columns.SKI else [0, 1, 2]]
+            w[..., : BASE_SIZES[kind][1]] = v[..., [0, 2] if kind == columns.SKI else list(range(layout.base_size))]
+            if layout.lifts:
+                p[..., 3] = q[..., 4]
         elif layout.base == "free":
             axes = [0, 2] if layout.plane else [0, 1, 2]
             p[..., axes], w[..., axes] = q[..., : layout.base_size], v[..., : layout.base_size]
@@ -95,10 +99,12 @@ class Arrays:
         shape, count = y.shape[:-1], len(self.order)
         place, velocity = np.zeros((*shape, 3)), np.zeros((*shape, 3))
         heading, turning = np.zeros(shape), np.zeros(shape)
-        if kind in (columns.SKI, columns.SLIDING):
-            heading, turning, forward = p[..., 2], w[..., BASE_SIZES[kind][1] - 1], w[..., 0]
-            left = w[..., 1] if kind == columns.SLIDING else np.zeros(shape)
+        if kind >= columns.SKI:
+            heading, turning, forward = p[..., 2], w[..., 1 if kind == columns.SKI else 2], w[..., 0]
+            left = np.zeros(shape) if kind == columns.SKI else w[..., 1]
             place[..., :2] = p[..., :2]
+            if kind == columns.LIFTED:
+                place[..., 2], velocity[..., 2] = p[..., 3], w[..., 3]
             velocity[..., 0] = np.cos(heading) * forward - np.sin(heading) * left
             velocity[..., 1] = np.sin(heading) * forward + np.cos(heading) * left
         elif kind == columns.FREE:
@@ -153,6 +159,8 @@ def pinocchio_states(seen: Postures) -> tuple[Array, Array]:
         q[..., :2], q[..., 2], q[..., 3] = seen.place[..., :2], cosine, sine
         x, y = seen.velocity_of_place[..., 0], seen.velocity_of_place[..., 1]
         v[..., 0], v[..., 1], v[..., 2] = cosine * x + sine * y, cosine * y - sine * x, seen.turning
+        if layout.lifts:
+            q[..., 4], v[..., 3] = seen.place[..., 2], seen.velocity_of_place[..., 2]
     elif layout.base == "free":
         axes = [0, 2] if layout.plane else [0, 1, 2]
         q[..., : layout.base_size], v[..., : layout.base_size] = seen.place[..., axes], seen.velocity_of_place[..., axes]
@@ -219,7 +227,7 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False, driven: boo
     sliding : the ski keeps its sideways velocity (its knife edge is a row); driven : prescribed lengths are velocities like
     free ones, as for Pinocchio.
     """
-    kind = columns.SLIDING if sliding and layout.base == "ski" else BASES[layout.base]
+    kind = columns.LIFTED if layout.lifts else columns.SLIDING if sliding and layout.base == "ski" else BASES[layout.base]
     p, v = BASE_SIZES[kind]
     count = len(layout.links)
     link, real, given = np.zeros((count, 8), np.int64), np.zeros((count, 16)), np.zeros((count, 6))

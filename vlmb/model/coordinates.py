@@ -125,6 +125,8 @@ def _read_one(
         cosine, sine = math.cos(heading), math.sin(heading)
         values[:3] = q[0], q[1], heading
         rates[:3] = cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]
+        if layout.lifts:
+            values[3], rates[3] = q[4], v[3]
     elif layout.base == "free":
         size = layout.base_size
         values[:size], rates[:size] = q[:size], v[:size]
@@ -165,6 +167,8 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
             -sine * speeds["x"] + cosine * speeds["y"],
             speeds["phi0"],
         )
+        if layout.lifts:
+            q[4], v[3] = values["z"], speeds["z"]
         base_rotation, base_omega = _about_z(np.float64(cosine), np.float64(sine)), np.array([0.0, 0.0, v[2]])
     elif layout.base == "free":
         for at in range(layout.base_size):

@@ -14,6 +14,7 @@ from vlmb.model.frozen import Remade
 Array = NDArray[np.float64]
 
 BASE_COORDINATES = {"pivot": (), "ski": ("x", "y", "phi0"), "free": ("x", "y", "z")}
+LIFTED = (*BASE_COORDINATES["ski"], "z")  # of a ski that may leave the snow
 
 
 class State(NamedTuple):
@@ -73,6 +74,12 @@ class Layout(Remade):
     links: tuple[LinkIndex, ...]
     order: tuple[int, ...]
     coordinates: tuple[Coordinate, ...]
+    lifts: bool = False  # whether the base is a ski that may leave the snow
+
+    @property
+    def edged(self) -> bool:
+        """Whether the base is a ski whose knife edge holds always."""
+        return self.base == "ski" and not self.lifts
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -94,8 +101,8 @@ class Layout(Remade):
 
     @cached_property
     def base_size(self) -> int:
-        """Velocities of the base: 3 for a ski or a free base (2 in a plane), 0 for a pivot."""
-        return 0 if self.base == "pivot" else 2 if self.base == "free" and self.plane else 3
+        """Velocities of the base: 3 for a ski or a free base (2 in a plane, 4 for a ski that lifts), 0 for a pivot."""
+        return 0 if self.base == "pivot" else 2 if self.base == "free" and self.plane else 4 if self.lifts else 3
 
     def subtree(self, link: int) -> tuple[int, ...]:
         """Return the link and everything that hangs on it, parents first."""

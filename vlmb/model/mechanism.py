@@ -22,7 +22,7 @@ from vlmb.model import coordinates as chart
 from vlmb.model.display import Displayed
 from vlmb.model.frozen import Remade
 from vlmb.model.laws import parse_of_time
-from vlmb.model.layout import BASE_COORDINATES, Coordinate, Layout, LinkIndex, SegmentIndex, State
+from vlmb.model.layout import BASE_COORDINATES, LIFTED, Coordinate, Layout, LinkIndex, SegmentIndex, State
 from vlmb.model.names import POINTS, Names, counted
 from vlmb.model.parts import JOINTS, ORIGIN, Body, Joint, Part, Place, Point, make_model
 from vlmb.model.reading import Postures, postures
@@ -167,7 +167,7 @@ class _Builder:
     def layout(self) -> Layout:
         links = tuple(self.links[i] for i in range(len(self.links)))
         plane = self.scene.plane
-        base = BASE_COORDINATES[self.scene.base.kind]
+        base = LIFTED if self.scene.base.lift else BASE_COORDINATES[self.scene.base.kind]
         if self.scene.base.kind == "free" and plane:
             base = ("x", "z")
         coordinates = [Coordinate(name, name, -1) for name in base]
@@ -183,7 +183,7 @@ class _Builder:
                 if name in self.scene.parameters:
                     raise SceneError(f"parameters.{name}: a coordinate of this scene has this name; choose another")
         return Layout(
-            self.scene.base.kind, plane, self.nq, self.nv, links, tuple(self.order), tuple(coordinates)
+            self.scene.base.kind, plane, self.nq, self.nv, links, tuple(self.order), tuple(coordinates), self.scene.base.lift,
         )
 
     def _carried(self, i: int) -> float:
@@ -204,6 +204,7 @@ class _Builder:
         base = self.scene.base
         if base.kind == "ski":
             ski = self._joint(0, "planar", ORIGIN, "ski")[0]
+            ski = self._joint(ski, "z", ORIGIN, "ski_z")[0] if base.lift else ski
             inertia = (0.0, base.inertia, base.inertia)  # only the vertical axis is ever used
             self.parts.append(Body(ski, base.mass, (base.com_offset, 0.0, 0.0), inertia, ORIGIN))
             self.parts.append(Point("ski", ski, ORIGIN))

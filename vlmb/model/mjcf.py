@@ -48,6 +48,7 @@ def left_behind(mechanism: Mechanism) -> list[str]:
     entries = (
         ("constraints", scene.constraints), ("programme", scene.programme or scene.programmes), ("forces", scene.forces),
         ("springs", scene.springs),
+        ("contacts", scene.contacts), ("massless legs", scene.legs), ("events", scene.events),
         ("limits of segments", any(link.segment(k).limits for link in scene.links for k in (1, 2))),
     )  # fmt: skip
     return [f"{what}: not in the MJCF" for what, given in entries if given]

@@ -334,7 +334,7 @@ def generalized_forces(layout: Layout) -> dict[str, GeneralizedForce]:
         elif c.link >= 0:
             add(force_along(c), c.kind, c.link, -1, c.name)
         else:
-            add(force_along(c), "surface" if layout.base == "ski" and c.kind != "phi0" else "axis", -1, at, c.name)
+            add(force_along(c), "surface" if layout.base == "ski" and c.kind in ("x", "y") else "axis", -1, at, c.name)
     for i, link in enumerate(layout.links):
         if link.parent >= 0 or layout.base != "free":
             add(f"T_{link.name}", "hinge", i, link.v, "")

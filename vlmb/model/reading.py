@@ -164,6 +164,8 @@ def postures(scene: Scene, layout: Layout, q: Any, v: Any = None) -> Postures:
         heading, turning = np.arctan2(q[..., 3], q[..., 2]), v[..., 2]
         place[..., :2] = q[..., :2]
         velocity[..., 0], velocity[..., 1] = cosine * forward - sine * left, sine * forward + cosine * left
+        if layout.lifts:
+            place[..., 2], velocity[..., 2] = q[..., 4], v[..., 3]
     elif layout.base == "free":
         axes, size = [0, 2] if layout.plane else [0, 1, 2], layout.base_size
         place[..., axes], velocity[..., axes] = q[..., :size], v[..., :size]

@@ -65,6 +65,7 @@ class VelocityMap:
         if layout.base == "ski":
             (cosine, sine), x, y = self.heading, rates[..., 0], rates[..., 1]
             out[..., 0], out[..., 1], out[..., 2] = cosine * x + sine * y, cosine * y - sine * x, rates[..., 2]
+            out[..., 3 : layout.base_size] = rates[..., 3 : layout.base_size]
         else:
             out[..., : layout.base_size] = rates[..., : layout.base_size]
         out[..., self.slides] = rates[..., self.xi]
@@ -97,6 +98,7 @@ class VelocityMap:
         if layout.base == "ski":
             (cosine, sine), forward, left = self.heading, tau[..., 0], tau[..., 1]
             out[..., 0], out[..., 1], out[..., 2] = cosine * forward - sine * left, sine * forward + cosine * left, tau[..., 2]
+            out[..., 3 : layout.base_size] = tau[..., 3 : layout.base_size]
         else:
             out[..., : layout.base_size] = tau[..., : layout.base_size]
         out[..., self.xi] = tau[..., self.slides]

@@ -110,7 +110,7 @@ def check_phases(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
     """Refuse conditions that name no contact, and programmes that cannot act beside each other."""
     if scene.programme is not None and scene.programmes:
         refuse("programmes", "[programme] and [[programmes]] are two ways to write the same; put all into [[programmes]]")
-    contacts = scene.touching
+    contacts = scene.closing
     forces = [(f"forces[{k}]", force) for k, force in enumerate(scene.forces)]
     entries: list[tuple[str, Programme | Force]] = [*programmes_of(scene), *forces]
     for key, entry in entries:
@@ -143,5 +143,5 @@ def _pairs(entries: Sequence[tuple[str, Programme]]) -> Iterator[tuple[tuple[str
 
 def numbers_of(scene: SceneTables) -> dict[str, float]:
     """Return the numbers that equations and laws may name: the parameters, and when the phase began, which `phase_t` goes by."""
-    began = {PHASE_START: 0.0} if scene.touching and PHASE_START not in scene.parameters else {}
+    began = {PHASE_START: 0.0} if scene.closing and PHASE_START not in scene.parameters else {}
     return {**scene.parameters, **began}

@@ -20,6 +20,7 @@ from vlmb.scene.contacts import check_contact
 from vlmb.scene.explain import explain
 from vlmb.scene.expressions import CONSTANTS, FUNCTIONS
 from vlmb.scene.legs import check_leg
+from vlmb.scene.lift import check_lift
 from vlmb.scene.names import check_names, has_controls
 from vlmb.scene.places import check_place
 from vlmb.scene.recorded import Samples, take_in
@@ -195,6 +196,9 @@ def _check(scene: SceneTables, written: Mapping[str, Written]) -> None:
     if base.kind == "ski":
         if not base.mass > 0.0 or not base.inertia > 0.0:
             refuse("base", "a ski needs mass > 0 [kg] and inertia > 0 [kg m^2]")
+        check_lift(scene, refuse)
+    elif base.lift or base.hold is not None or base.skid is not None:
+        refuse("base", f"lift, hold and skid belong to kind = 'ski'; a {base.kind!r} base has [[contacts]]")
     elif base.drag or base.drag_at != "com":
         refuse("base", f"drag and drag_at belong to kind = 'ski'; a {base.kind!r} base takes a force at a point ([[forces]] at)")
     elif base.friction or base.friction_on != "normal" or base.width or base.length:

@@ -33,8 +33,6 @@ def check_leg(scene: SceneTables, leg: Leg, key: str, refuse: Callable[[str, str
         refuse(key, "a leg needs length [m] and stiffness [N/m] > 0, or instead of these a `law` of its length")
     if leg.law is not None and (leg.length is not None or leg.stiffness or leg.damping):
         refuse(key, "a leg with a `law` has no length, stiffness and damping: the law gives its length, the force is the result")
-    if leg.attack is None and leg.foot is None:
-        refuse(f"{key}.attack", "a leg that swings at the start needs the elevation [rad] of foot -> point it lands with")
     if scene.plane and leg.foot is not None and leg.foot[1] != 0.0:
         refuse(f"{key}.foot", f"y = {leg.foot[1]:g}: with plane = true it is 0")
     own = {"t", PHASE_START, *scene.parameters}

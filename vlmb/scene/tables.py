@@ -51,6 +51,9 @@ class Base(Table, frozen=True, kw_only=True):
     friction_on: Literal["normal", "resultant"] = "normal"  # what it goes by: the normal force, or with the edge force
     width: NonNegative = 0.0  # [m], ski: 0 is not looked at
     length: NonNegative = 0.0  # [m]
+    lift: bool = False  # ski: it may leave the snow, which only pushes
+    hold: Positive | None = None  # |edge force| <= hold * normal force; default: no limit
+    skid: NonNegative | None = None  # the ratio while it skids; default: hold
     drag_at: str = "com"  # whose velocity v is and where it takes it: "com", or a point such as legs.tip
 
 
@@ -323,3 +326,8 @@ class SceneTables(Table, frozen=True, kw_only=True):
     def touching(self) -> tuple[str, ...]:
         """Names of contacts, then of legs."""
         return (*(contact.name for contact in self.contacts), *(leg.name for leg in self.legs))
+
+    @property
+    def closing(self) -> tuple[str, ...]:
+        """Names of all that opens and closes: those, and a ski that may leave the snow."""
+        return (*self.touching, *(("ski",) if self.base.lift else ()))

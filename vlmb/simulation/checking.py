@@ -49,7 +49,7 @@ class Checked(NamedTuple):
         """Independent velocities at the start: coordinates less prescribed ones, the knife edge and ideal constraints."""
         layout = self.mechanism.layout
         prescribed = sum(at.motion == "prescribed" and at.joint > 0 for e in layout.links for at in (e.lower, e.upper))
-        return len(layout.names) - prescribed - (layout.base == "ski") - self.start.rank
+        return len(layout.names) - prescribed - layout.edged - self.start.rank
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 from vlmb.scene.by_phase import acting
 from vlmb.scene.contacts import condition_of
 from vlmb.scene.expressions import evaluate
+from vlmb.scene.tables import BASE
 from vlmb.simulation.motion import Motion
 from vlmb.system.beginning import goes_by_phase_time
+from vlmb.system.cone import Grip
 from vlmb.system.contacts import CLOSED, STANDING, ContactLook, ContactPoint, Footing
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
@@ -20,6 +23,7 @@ from vlmb.system.legs import LegPoint
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.probe import Answers, Probe
 from vlmb.system.programme import total_mass
+from vlmb.system.ski_contact import Heading, ski_frame
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -34,14 +38,14 @@ class PhaseSystems:
         self.timed = goes_by_phase_time(system)
         self.kept = engine == "core" and not self.timed
         self.swinging = any("phase_t" in str(leg.attack) for leg in self.scene.legs)  # gaps that go by when a leg let go
-        self.made: dict[tuple[str, ...], System] = {}
+        self.made: dict[object, System] = {}
         self.probes: dict[object, Probe] = {}
 
     def of(self, footings: Sequence[Footing], began: float) -> System:
         """Return the system of a phase that began at a time [s]."""
         if not self.kept:
             return self.system.phase(footings, began=began)
-        states = tuple(at.state for at in footings)
+        states = tuple(point.mode(at) for point, at in zip(self.system.points, footings, strict=True))
         if states not in self.made:
             self.made[states] = self.system.phase(footings)
         return self.made[states].placed(footings)
@@ -112,9 +116,18 @@ class ContactView:
 
     def _frame(self, k: int) -> Array:
         """Return the rows across the surface and its normal, (3, 3) or (2, 3) in the plane, where a contact is."""
+        edge = self.points[k].edge
+        if edge is not None:
+            frame = ski_frame(self._heading())
+            return frame if edge.friction else frame[[0, 2]]  # smooth along: no row there
         place = self._without_forces(self.y).jets[k, :3, 0]
         frame, _ = self.points[k].frame(self.t, place, self.plane, self.standing[k])
         return frame[[0, 2]] if self.plane else frame
+
+    def _heading(self) -> Heading:
+        """Return the heading of the ski."""
+        phi0 = self._view(self.y)["phi0"]
+        return math.cos(phi0), math.sin(phi0)
 
     def _gap(self, point: ContactPoint, jet: Array) -> float:
         """Return the distance [m] from a surface: its value over its slope."""
@@ -128,6 +141,10 @@ class ContactView:
         point = self.points[k]
         moving = np.array(point.contact.surface_velocity) if order == 1 else np.zeros(3)
         found = frame @ (jet[:3, order] - moving)
+        if point.edge is not None and order == 2:  # its axes turn with it
+            turning = self._view(self.y)["phi0_dot"]
+            along, aside = frame[0, 1] * jet[0, 1] - frame[0, 0] * jet[1, 1], float(frame[0] @ jet[:3, 1])
+            found[:-1] += turning * np.array([-along, aside])[: len(frame) - 1]
         found[-1] = jet[3, order] / self._size(point, jet)
         return found
 
@@ -137,7 +154,8 @@ class ContactView:
         for point, footing in zip(self.points, footings, strict=True):
             if footing.state in CLOSED:
                 place = look.jets[point.index, :3, 0]
-                rows = point.row_vectors(footing, point.slope(self.t, place, footing))
+                h = self._heading() if point.edge is not None else (1.0, 0.0)
+                rows = point.row_vectors(footing, point.slope(self.t, place, footing), h)
                 force = look.multipliers[at : at + len(rows)] @ rows
                 at += len(rows)
                 local = self._frame(point.index) @ force
@@ -159,8 +177,9 @@ class ContactView:
         return evaluate(condition.expression, {name: view[name] for name in condition.expression.names}) > 0.0
 
     def _angle_to(self, point: ContactPoint) -> float | None:
-        """Return the elevation [rad] of the link that a contact is a point of."""
-        link = self.system.mechanism.names.links.get(point.contact.point.partition(".")[0])
+        """Return the elevation [rad] of the link that a contact is a point of; of a free base that of its first link."""
+        links, owner = self.system.mechanism.names.links, point.contact.point.partition(".")[0]
+        link = links.get(next(iter(links), "") if owner == BASE else owner)
         if link is None:
             return None
         layout = self.system.mechanism.layout
@@ -168,11 +187,31 @@ class ContactView:
 
     def _problem(
         self, taking: Sequence[int], frames: Mapping[int, Array]
-    ) -> tuple[Array, list[tuple[int, tuple[int, ...]]]]:
-        """Return what takes forces along x, y, z at all contacts to rows across and along the normals of some; and their rows."""
-        size = 2 if self.plane else 3
-        turn, rows = np.zeros((size * len(taking), 3 * len(self.points))), []
-        for at, k in enumerate(taking):
-            turn[size * at : size * at + size, 3 * k : 3 * k + 3] = frames[k]
-            rows.append((size * at + size - 1, tuple(range(size * at, size * at + size - 1))))
+    ) -> tuple[Array, list[tuple[int, tuple[tuple[int, ...], ...]]]]:
+        """Return what takes forces along x, y, z at all contacts to rows across and along the normals of some.
+
+        And the row of each normal, with the rows of its grips.
+        """
+        turn, first = np.zeros((sum(len(frames[k]) for k in taking), 3 * len(self.points))), 0
+        rows = list[tuple[int, tuple[tuple[int, ...], ...]]]()
+        for k in taking:
+            after = first + len(frames[k])
+            turn[first:after, 3 * k : 3 * k + 3] = frames[k]
+            across = tuple(range(first, after - 1))
+            grips: list[tuple[int, ...]] = [across] if self.points[k].edge is None else [(at,) for at in across]
+            rows.append((after - 1, tuple(grips)))
+            first = after
         return turn, rows
+
+    def _grips(
+        self, k: int, rows: Sequence[tuple[int, ...]], sliding: Sequence[Array | None], leaving: Sequence[bool]
+    ) -> tuple[Grip, ...]:
+        """Return the grips of a contact: how it slides already, and which of them let go now."""
+        point = self.points[k]
+        holds = [(point.at_rest, point.coefficient)]
+        if point.edge is not None:
+            holds = [(point.edge.hold, point.edge.skid), (point.edge.friction, point.edge.friction)]
+        return tuple(
+            Grip(across, 0.0 if goes else hold, slip, None if way is None else tuple(way.tolist()))
+            for across, (hold, slip), way, goes in zip(rows, holds, sliding, leaving, strict=False)
+        )

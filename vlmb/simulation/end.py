@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,13 +29,14 @@ AT_POLE = 1e-12  # cos(psi) below which the rate of an azimuth is not read
 class End:
     """The last instant of a run: `simulate(scene, start=trajectory.end, t0=trajectory.end.time)` goes on from it.
 
-    It holds all that goes on: angles with their full turns. Work and losses are counted from zero again.
+    It holds all that goes on: angles with their full turns, feet of legs that stand. Work and losses are counted from zero again.
     """
 
     time: float  # [s]
     names: tuple[str, ...]
     values: tuple[float, ...]  # [m, rad] of the coordinates
     speeds: tuple[float, ...]  # [m/s, rad/s] of their rates
+    feet: tuple[tuple[str, float, float], ...] = ()  # legs that stand, and where [m]
 
     @property
     def coordinates(self) -> dict[str, float]:
@@ -52,14 +53,16 @@ class End:
         return f"<End at t = {self.time:.6g} s: {shown}; and rates>"
 
 
-def end_of(seen: Postures, time: float, values: Array, rates: Array) -> End:
-    """Make the end of a run of its last postures, coordinates (N,) and rates (N,)."""
+def end_of(
+    seen: Postures, time: float, values: Array, rates: Array, feet: Sequence[tuple[str, float, float]] = ()
+) -> End:
+    """Make the end of a run of its last postures, coordinates (N,) and rates (N,), and the feet of legs that stand."""
     layout, values, rates = seen.layout, values.copy(), rates.copy()
     for i in range(0 if layout.plane else len(layout.links)):
         at = layout.place("psi", i)
         if abs(math.cos(values[at])) <= AT_POLE:
             values[at - 1], rates[at] = _azimuth_at_pole(seen.direction_rates[-1, i], values[at - 1], values[at], rates[at])
-    return End(time, layout.names, tuple(values.tolist()), tuple(rates.tolist()))
+    return End(time, layout.names, tuple(values.tolist()), tuple(rates.tolist()), tuple(feet))
 
 
 def _azimuth_at_pole(direction_rate: Array, phi: float, psi: float, rate: float) -> tuple[float, float]:
@@ -86,6 +89,8 @@ def begun_at(mechanism: Mechanism, start: End | Mapping[str, float]) -> Mechanis
         told = {**start.coordinates, **start.rates}
         given = {name: value for name, value in told.items() if name.removesuffix(DOT) not in followed}
         kept: dict[str, Any] = {}
+        if scene.legs:
+            data["legs"] = _standing(scene, start)
     elif isinstance(start, Mapping):
         given = names.canonical(start, "start")
         over = {*given, *(("x_dot", "y_dot") if "speed" in given else ())}
@@ -96,6 +101,15 @@ def begun_at(mechanism: Mechanism, start: End | Mapping[str, float]) -> Mechanis
         raise SceneError(f"start = {start!r:.80}: must be the end of a run, or a dict of coordinates and rates by name{hint}")
     changed = Scene.from_dict({**data, "start": {**kept, **given}}, "arguments")
     return dataclasses.replace(mechanism, scene=changed)
+
+
+def _standing(scene: Scene, end: End) -> list[dict[str, Any]]:
+    """Return the legs of a scene as they stand, or swing, where a run has ended."""
+    feet, found = {name: [x, y] for name, x, y in end.feet}, []
+    for leg, data in zip(scene.legs, scene.to_dict()["legs"], strict=True):
+        own = {key: value for key, value in data.items() if key != "foot"}
+        found.append({**own, "foot": feet[leg.name]} if leg.name in feet else own)
+    return found
 
 
 def jumps(end: End, start: Start) -> list[str]:

@@ -52,3 +52,13 @@ def energy_of_legs(points: Sequence[ContactPoint], stretches: Sequence[Stretch],
                 own = slice(stretch.first, stretch.last)
                 found[own] += point.stored(places[own], stretch.footings[point.index])
     return found
+
+
+def feet_at_end(points: Sequence[ContactPoint], stretches: Sequence[Stretch]) -> list[tuple[str, float, float]]:
+    """Return the legs that stand at the end of a run, with x and y [m] of their feet."""
+    found = []
+    for point in points:
+        footing = stretches[-1].footings[point.index]
+        if isinstance(point, LegPoint) and point.closed(footing):
+            found.append((point.name, footing.place[0], footing.place[1]))
+    return found

@@ -239,7 +239,7 @@ class Loop:
             if event.kind == NAMED and crossing.t <= driver.real[TIME_BEFORE] and not driver.indicators[SIDE, crossing.indicator]:
                 continue  # it began on its 0, and has left it
             if event.kind == NAMED and not event.sentence:
-                self.happened.append((crossing.t, TOLD[NAMED], event.name))
+                self.happened.append((float(crossing.t), TOLD[NAMED], event.name))
             elif self._counts(crossing):
                 driver.indicators[HIT, crossing.indicator] = crossing.direction
                 driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
@@ -272,7 +272,7 @@ class Loop:
         """Return the sentence of an event that ends the run, or a phase; a switch only begins a new step."""
         event = self.engine.events[int(np.flatnonzero(self.driver.indicators[HIT])[0])]
         if event.kind in TOLD:
-            self.happened.append((self.t, TOLD[event.kind], event.name))
+            self.happened.append((float(self.t), TOLD[event.kind], event.name))
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):

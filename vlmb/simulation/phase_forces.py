@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,18 @@ from vlmb.model.reading import Postures
 from vlmb.scene.rows import rows_of
 from vlmb.simulation.histories import forces_along
 from vlmb.simulation.phases import Stretch
-from vlmb.system.contacts import AWAY, CLOSED, STANDING
+from vlmb.system.constraints import ConstraintSet
+from vlmb.system.contacts import AWAY, CLOSED, STANDING, ContactPoint
+from vlmb.system.frames import LinkFrames
 from vlmb.system.legs import LegPoint
+from vlmb.system.sharing import Foot, least_shares
 from vlmb.system.slips import force_of, motion_of
 from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
+
+SHARED = 1e-9  # of the rows of contacts: singular values that are none
 
 
 def forces_in_phases(
@@ -46,6 +51,7 @@ def _in_phase(
     reactions, texts = dict(found["reactions"]), set[str]()
     for point, footing in zip(system.points, stretch.footings, strict=True):
         forces = np.zeros((len(taken[0]), 3))
+        headings = np.array([np.cos(seen.heading[own]), np.sin(seen.heading[own])]).T
         if isinstance(point, LegPoint) and footing.state == STANDING:
             places, speeds = (values[own] for values in motion_of(point, seen))
             for i in range(len(forces)):
@@ -53,12 +59,22 @@ def _in_phase(
         elif footing.state in CLOSED:
             rows = point.row_texts(footing)
             texts |= {*rows}
-            multipliers = np.column_stack([reactions[text] for text in rows])
+            multipliers = np.array([reactions[text] for text in rows] or np.zeros((0, len(forces)))).T
             places, speeds = (values[own] for values in motion_of(point, seen))
             for i, t in enumerate(taken[0].tolist()):
-                forces[i] = force_of(point, footing, t, places[i], speeds[i], multipliers[i])
+                forces[i] = force_of(point, footing, t, places[i], speeds[i], multipliers[i], tuple(headings[i].tolist()))
         reactions[point.name] = read_only(forces[:, 0] if isinstance(point, StopPoint) else forces)
+        if point.edge is None:
+            continue
+        left = np.column_stack([-headings[:, 1], headings[:, 0]])
+        known = {"knife_edge": (forces[:, :2] * left).sum(axis=1), "friction": (forces[:, :2] * headings).sum(axis=1)}
+        reactions |= {name: read_only(values) for name, values in {**known, "normal": forces[:, 2]}.items()}
+        if footing.state not in CLOSED:
+            reactions |= dict.fromkeys(("roll_moment", "pitch_moment"), read_only(np.zeros(len(forces))))
     nowhere = read_only(np.full(len(taken[0]), np.nan))
+    pairs = zip(system.points, stretch.footings, strict=True)
+    if sum(footing.state in CLOSED and type(point) is ContactPoint for point, footing in pairs) > 1:
+        reactions |= _shared_out(phase, stretch, taken, reactions)
     kept = {row.name: (nowhere, nowhere) for row in rows_of(system.mechanism.scene).servo}  # of programmes that do not act
     kept |= {name: values for name, values in found["residuals"].items() if name not in texts}
     acting = {*(phase.programme.names if phase.programme else ()), *(channel.name for channel in phase.forces.named)}
@@ -66,6 +82,43 @@ def _in_phase(
     found["controls"] |= {name: read_only(np.zeros(len(nowhere))) for name in {*found["controls"]} - acting}
     shown = {name: values for name, values in reactions.items() if name not in texts}
     return found | {"reactions": shown, "residuals": kept}
+
+
+def _shared_out(
+    phase: System, stretch: Stretch, taken: Sequence[Array], reactions: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Return the least admissible forces (N, 3) of closed contacts that push together as those do that carry.
+
+    Nothing where the forces are determined.
+    """
+    plane, pairs = phase.mechanism.scene.plane, zip(phase.points, stretch.footings, strict=True)
+    closed = [(point, footing) for point, footing in pairs if footing.state in CLOSED and type(point) is ContactPoint]
+    axes = [0, 2] if plane else [0, 1, 2]
+    places = ConstraintSet(phase.mechanism, [(f"{p.names[axis]} = 0", "contacts", True) for p, _ in closed for axis in axes])
+    frames, found = LinkFrames(phase.mechanism), {p.name: np.array(reactions[p.name]) for p, _ in closed}
+    for i, (t, q, v, branch) in enumerate(zip(taken[0].tolist(), taken[1], taken[2], taken[4], strict=True)):
+        frames.update(q)
+        seen = places.evaluate(frames, t, q, v, branch)
+        jacobian = seen.jacobian.copy()
+        jacobian[:, phase.prescribed_dofs] = 0.0
+        turn, feet = np.zeros((len(jacobian), len(jacobian))), list[Foot]()
+        for k, (point, footing) in enumerate(closed):
+            own, place = slice(len(axes) * k, len(axes) * (k + 1)), np.zeros(3)
+            place[axes] = seen.z[own]
+            frame = point.frame(t, place, plane, footing)[0]
+            frame = frame[[0, 2]][:, axes] if plane else frame
+            turn[own, own] = frame
+            last, way = own.stop - 1, frame[:-1] @ np.array(footing.towards)[axes]
+            slide = tuple((-point.coefficient * way).tolist()) if point.slides(footing) else ()
+            feet.append(Foot((last, *range(own.start, last)), 0.0 if point.smooth else point.at_rest, slide))
+        if i == 0 and np.linalg.matrix_rank(turn @ jacobian, tol=SHARED) == len(jacobian):
+            return {}
+        forces = np.concatenate([found[p.name][i, axes] for p, _ in closed])
+        shares = least_shares(turn @ jacobian, jacobian.T @ forces, feet)
+        for k, (point, _) in enumerate(() if shares is None else closed):
+            own = slice(len(axes) * k, len(axes) * (k + 1))
+            found[point.name][i, axes] = turn[own, own].T @ np.asarray(shares)[own]
+    return {name: read_only(values) for name, values in found.items()}
 
 
 def _joined(parts: Sequence[Any]) -> Any:

@@ -23,7 +23,7 @@ from vlmb.simulation.phases import Event, Stretch
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, SLIDING, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -89,8 +89,8 @@ class PhasedRun(LegSteps):
             if out.event is not None:
                 self.events.append(out.event)
             if out.sentence:
-                if not self.stretches:
-                    self._begin(out, self.times, told=False)
+                if not self.parts:
+                    self._keep_start(out)
                 return "stopped", f"stopped at t = {self.t:.6g} s: {out.sentence}."
             rest = self.times[self.times > self.t] if self.stretches else self.times
             if self.stretches and doubled:
@@ -100,6 +100,8 @@ class PhasedRun(LegSteps):
             try:
                 mover, loop = self._begin(out, rest, doubled)
             except VlmbError as error:
+                if not self.parts:
+                    raise
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
             asked = self.until in out.happened
             if self.t >= last or asked:
@@ -121,6 +123,12 @@ class PhasedRun(LegSteps):
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
 
+    def _keep_start(self, out: Outcome) -> None:
+        """Keep the start of a run that goes no further."""
+        mover, _ = self._begin(out, self.times[:1], told=False)
+        mover.note(self.t, out.y)
+        self._keep(told=True)
+
     def _begin(self, out: Outcome, times: Array, told: bool) -> tuple[Engine, Loop]:
         """Begin a phase."""
         mover = self._next(out.footings, told)
@@ -136,7 +144,8 @@ class PhasedRun(LegSteps):
         self.now = self.systems.of(footings, self.began)
         if before is not None and told and self.systems.timed:
             require_going_on(before, began, self.now, self.t)
-        if self.t < last and (self.systems.timed or goes_by_phase(self.systems.scene)):
+        lawful = any(leg.leg.law is not None for leg in self.legs)
+        if self.t < last and (self.systems.timed or lawful or goes_by_phase(self.systems.scene)):
             self.breaks = breaks_of(self.now, self.t, last)
             self.bounds = longest_steps(self.now.mechanism.scene, self.t, last)
         return make_engine(self.now, self.branch, self.control)
@@ -205,12 +214,13 @@ class PhasedRun(LegSteps):
             touches = not isinstance(point, LegPoint) and at.state == OPEN and self._gap(point, jet) - min(at.gap, 0.0) <= NEAR
             if at.state in CLOSED or (touches and point.index != c):
                 near.append(point.index)
-        opening, leaving = set[int](), dict[int, Array]()
+        opening, leaving = set[int](), dict[int, tuple[int, Array]]()
         if hit.name == OPENS:
             weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
-            opening = {k for k, force in forces.items() if force[2] <= LIGHT * weight} | {c}
+            carry = [k for k in forces if footings[k].state != RESTING]
+            opening = {k for k in carry if forces[k][2] <= LIGHT * weight} | {c}
         elif hit.name == SLIPS and c in forces:
-            leaving[c] = forces[c][:2]
+            leaving[c] = hit.part, forces[c][:2]
         near, landing = sorted(set(near)), [k for k in landing if footings[k].state in CLOSED]
         out = self._settled(hit, footings, near, opening, leaving, landing, before)
         if not lost or out.event is None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.model.frozen import read_only
 from vlmb.system.contacts import SLIDING, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOLD, TOUCHES
 
@@ -46,6 +47,16 @@ class Event(NamedTuple):
     lost: float = 0.0
     modes: Mapping[str, str] = MappingProxyType({})
     several: bool = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _event, (*self[:4], dict(self.impulses), self.lost, dict(self.modes), self.several)
+
+
+def _event(*values: Any) -> Event:
+    """Make an event of what is pickled of one: mappings that nobody writes into are not."""
+    event = Event(*values)
+    impulses = {name: read_only(impulse) for name, impulse in event.impulses.items()}
+    return event._replace(impulses=MappingProxyType(impulses), modes=MappingProxyType(dict(event.modes)))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,9 +12,9 @@ import numpy as np
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import has_controls
 from vlmb.simulation.phases import KINDS, Event, Stretch
-from vlmb.system.contacts import AWAY, HELD, OPEN, SLIDING, STANDING, Footing
+from vlmb.system.contacts import AWAY, HELD, OPEN, RESTING, SLIDING, STANDING, Footing
 
-STATES, MODES = (OPEN, AWAY, HELD, SLIDING, STANDING), (OPEN, HELD, SLIDING)
+STATES, MODES = (OPEN, AWAY, HELD, SLIDING, STANDING, RESTING), (OPEN, HELD, SLIDING)
 MOST = 1_000_000  # of either
 
 

@@ -17,11 +17,13 @@ from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
-from vlmb.system.cone import GENTLE, Contact, Grip, Refusal, impact, modes
-from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STILL, Footing
+from vlmb.system.cone import GENTLE, Answer, Contact, Refusal, impact, modes
+from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
+from vlmb.system.sharing import Foot, carrying, let_go
+from vlmb.system.ski_contact import ALONG
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,11 @@ class Outcome(NamedTuple):
     happened: frozenset[str] = frozenset()  # as `until` has it: "touch left"
 
 
+def told_state(footing: Footing) -> str:
+    """Return the state of a contact as it is told: one that carries nothing is held."""
+    return HELD if footing.state == RESTING else footing.state
+
+
 class Settling(ContactView):
     """Finds what follows."""
 
@@ -47,12 +54,12 @@ class Settling(ContactView):
 
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
-        leaving: Mapping[int, Array], landing: Collection[int] = (), before: Sequence[Footing] | None = None,
+        leaving: Mapping[int, tuple[int, Array]], landing: Collection[int] = (), before: Sequence[Footing] | None = None,
     ) -> Outcome:  # fmt: skip
         """Return what follows for the contacts that are closed or touch: an impact where one approaches, then their modes.
 
-        opening : those whose normal force has become 0; leaving: friction of those at the edge of their cones; landing: legs with
-        a law, which are closed in `footings`; before: how contacts stood before legs landed or let go
+        opening : those whose normal force has become 0; leaving: those at the edge of their cones, which grip, their friction;
+        landing: legs with a law, which are closed in `footings`; before: how contacts stood before legs landed or let go
         """
         self.standing, before = footings, footings if before is None else before
         y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
@@ -73,6 +80,12 @@ class Settling(ContactView):
             y, told = (y if refusal else struck), (impact_told if strikes else {})  # without strikes it only mends what is off
             found = self._without_forces(y)
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
+        if hit is not None and hit.name in (OPENS, SLIPS) and not strikes:
+            light = {*opening} if hit.name == OPENS else {hit.which}
+            shared, left = self._carried_by_others(y, footings, taking, frames, light)
+            if shared is not None:
+                return Outcome(shared, y)
+            opening = {*opening, *left} if hit.name == OPENS else opening
         resting = [k for k in taking if approach[k][-1] <= still and k not in opening]
         states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
         if refusal:
@@ -84,13 +97,50 @@ class Settling(ContactView):
             if state == OPEN:
                 gap = float(found.jets[k, 3, 0])
                 after[k] = point.let_go(self.t, gap, at) if at.state in CLOSED or k in strikes or k in taking else at
-            elif state == HELD and at.state == HELD:
+            elif state == HELD and at.state == HELD and point.edge is None:
                 after[k] = at
             else:
                 ahead, aside, up = map(float, ways.get(k, np.zeros(3)))
                 after[k] = point.footing_at(state, self.t, place, self.plane, (ahead, aside, up), at)
-        event = self._event(hit, before, after, strikes, told)
-        return Outcome(tuple(after), y, event, "", self._happened(hit, before, after, strikes))
+        event, happened = self._event(hit, before, after, strikes, told), self._happened(hit, before, after, strikes)
+        shared, _ = self._carried_by_others(y, tuple(after), resting, frames, set())
+        return Outcome(shared or tuple(after), y, event, "", happened)
+
+    def _carried_by_others(
+        self, y: Array, footings: tuple[Footing, ...], among: Sequence[int], frames: Mapping[int, Array], light: Collection[int]
+    ) -> tuple[tuple[Footing, ...] | None, set[int]]:
+        """Let contacts whose rows others hold already carry nothing, so that each force is determined and none pulls.
+
+        light : those that carry too little, or slip; they rest on the others, or nothing follows (None), and those that rested
+        on them are let go, too
+        """
+        closed = [k for k in among if footings[k].state in CLOSED]
+        if len(closed) < 2 or any(type(self.points[k]) is not ContactPoint for k in closed):
+            return None, set()
+        found = self._under_forces(y, frozenset(self.points[k].name for k in closed))
+        turn, rows = self._problem(closed, frames)
+        a = np.concatenate([self._local(found.jets[k], k, frames[k], 2) for k in closed])
+        feet = {}
+        for k, (normal, (across,)) in zip(closed, rows, strict=True):
+            at, point = footings[k], self.points[k]
+            if at.state == SLIDING:
+                way = frames[k][:-1] @ np.array(at.towards)
+                ratio = 0.0 if point.smooth else point.coefficient
+                feet[k] = Foot((normal, *across), ratio, tuple((-ratio * way).tolist()))
+            else:
+                feet[k] = Foot((normal, *across), point.at_rest)
+        g = turn @ found.matrix @ turn.T
+        carry = carrying(g, a, feet, light, LIGHT * self.weight)
+        if carry is None:
+            rests = [k for k in closed if footings[k].state == RESTING]
+            return None, let_go(g, feet, [k for k in closed if k not in light and k not in rests], rests)
+        after = list(footings)
+        for k in closed:
+            if k not in carry:
+                after[k] = footings[k]._replace(state=RESTING)
+            elif footings[k].state == RESTING:
+                after[k] = self.points[k].footing_at(HELD, self.t, found.jets[k, :3, 0], self.plane)
+        return tuple(after), set()
 
     def _happened(
         self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]
@@ -104,7 +154,7 @@ class Settling(ContactView):
                 found.add(f"{OPENS} {point.name}")
             elif point.closed(other) and not point.closed(one):
                 found.add(f"{TOUCHES} {point.name}")
-            elif (one.state, other.state) in ((HELD, SLIDING), (SLIDING, HELD)):
+            elif (told_state(one), told_state(other)) in ((HELD, SLIDING), (SLIDING, HELD)):
                 found.add(f"{SLIPS if other.state == SLIDING else STICKS} {point.name}")
         return frozenset(found)
 
@@ -116,12 +166,13 @@ class Settling(ContactView):
         if hit is None and not strikes:
             return None
         mode = {point.name: point.shown(at) for point, at in zip(self.points, after, strict=True)}
-        changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if one.state != other.state]
+        changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if told_state(one) != told_state(other)]
         first = strikes[0] if hit is None else hit.which
         kind = TOUCHES if strikes else OPENS if hit is None else hit.name
         if strikes and all(after[k].state == OPEN for k in strikes):
             kind = BOUNCES
-        if kind == STICKS and after[first].state == SLIDING:
+        along = hit is not None and self.points[first].edge is not None and hit.part == ALONG
+        if kind == STICKS and (after[first].towards[0] if along else after[first].state == SLIDING):
             kind = SLIPS  # it turns back at once
         involved = tuple(self.points[k].name for k in dict.fromkeys([first, *strikes, *changed]))
         return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), several=self.several, **told)
@@ -135,12 +186,15 @@ class Settling(ContactView):
         matrix = turn @ found.matrix @ turn.T
         shaped = []
         for k, (normal, across) in zip(taking, rows, strict=True):
-            point = self.points[k]
-            shaped.append(Contact(normal, (Grip(across, point.at_rest, point.coefficient),), point.contact.restitution))
+            grips = self._grips(k, across, [None] * len(across), [False] * len(across))
+            shaped.append(Contact(normal, grips, self.points[k].contact.restitution))
         answer = impact(matrix, v, shaped)
         if isinstance(answer, Refusal):
             return self.y, {}, self._why_not(answer, taking, "impact")
         self.several = self.several or answer.several
+        jammed = self._jammed(answer, taking)
+        if jammed:
+            return self.y, {}, jammed
         p = turn.T @ answer.p
         lost = float(-0.5 * answer.p @ (answer.v + v))
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
@@ -165,7 +219,7 @@ class Settling(ContactView):
 
     def _modes(
         self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],
-        leaving: Mapping[int, Array],
+        leaving: Mapping[int, tuple[int, Array]],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
         """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may.
 
@@ -184,28 +238,26 @@ class Settling(ContactView):
 
     def _modes_under(
         self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
-        speeds: Mapping[int, Array], leaving: Mapping[int, Array],
+        speeds: Mapping[int, Array], leaving: Mapping[int, tuple[int, Array]],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
         """Return the same under what acts while some contacts are closed."""
         if not resting:
             return {}, {}, ""
         found = self._under_forces(y, closed)
         turn, rows = self._problem(resting, frames)
-        shaped, known = [], {}
+        shaped, known = [], dict[tuple[int, int], Array]()
         for k, (normal, across) in zip(resting, rows, strict=True):
-            point, v = self.points[k], speeds[k][:-1]
-            speed = float(np.linalg.norm(v))
-            hold, sliding = point.at_rest, None
-            if speed > STILL and point.contact.slips:
-                sliding = v / speed
-            elif k in leaving:
-                friction, hold = leaving[k][: len(across)], 0.0
-                if point.at_rest == point.coefficient:  # else what pushes is new, and so is the direction
-                    sliding = -friction / np.linalg.norm(friction)
-            if sliding is not None:
-                known[k] = sliding
-            grip = Grip(across, hold, point.coefficient, None if sliding is None else tuple(sliding.tolist()))
-            shaped.append(Contact(normal, (grip,)))
+            point, goes = self.points[k], [part == leaving[k][0] if k in leaving else False for part in range(len(across))]
+            for part, axes in enumerate(across):
+                v = speeds[k][[axis - across[0][0] for axis in axes]]
+                speed = float(np.linalg.norm(v))
+                if speed > STILL and point.contact.slips:
+                    known[k, part], goes[part] = v / speed, False
+                elif goes[part] and (point.at_rest == point.coefficient or len(axes) == 1):
+                    friction = leaving[k][1][[axis - across[0][0] for axis in axes]]
+                    known[k, part] = -friction / np.linalg.norm(friction)  # else what pushes is new, and so is the direction
+            sliding = [known.get((k, part)) for part in range(len(across))]
+            shaped.append(Contact(normal, self._grips(k, across, sliding, goes)))
         a = np.concatenate([self._local(found.jets[k], k, frames[k], 2) for k in resting])
         answer = modes(turn @ found.matrix @ turn.T, a, shaped)
         if isinstance(answer, Refusal):
@@ -216,15 +268,33 @@ class Settling(ContactView):
             if not answer.closed[at]:
                 states[k] = OPEN
                 continue
-            slides = self.points[k].smooth or answer.slipping[at][0]
+            slips, edge = answer.slipping[at], self.points[k].edge
+            slides = (edge is None and self.points[k].smooth) or slips[0]
             states[k] = SLIDING if slides else HELD
-            if slides and not self.points[k].smooth:
-                way = known.get(k)
-                if way is None:
-                    moved, push = answer.v[list(across)], answer.p[list(across)]
-                    way = moved / np.linalg.norm(moved) if np.linalg.norm(moved) > 0.0 else -push / np.linalg.norm(push)
-                ways[k] = frames[k][:-1].T @ way
+            found_ways = np.zeros(2)
+            for part, axes in enumerate(across):
+                if slips[part] and not (edge is None and self.points[k].smooth):
+                    way = known.get((k, part))
+                    if way is None:
+                        moved, push = answer.v[list(axes)], answer.p[list(axes)]
+                        way = moved / np.linalg.norm(moved) if np.linalg.norm(moved) > 0.0 else -push / np.linalg.norm(push)
+                    if edge is None:
+                        ways[k] = frames[k][:-1].T @ way
+                    else:
+                        found_ways[part] = float(way[0]) * (edge.skid, edge.friction)[part]
+            if edge is not None:
+                ways[k] = np.array([found_ways[1], found_ways[0], 0.0])
         return states, ways, ""
+
+    def _jammed(self, answer: Answer, taking: Sequence[int]) -> str:
+        """Say where an impact lets a rough contact slip: friction without bound stops it from below, and nothing presses it."""
+        for at, k in enumerate(taking):
+            if self.points[k].rough and answer.closed[at] and answer.slipping[at][0]:
+                return (
+                    f"contact {self.points[k].name!r} strikes so flat that its rough ground would have to pull to hold it: it "
+                    "scuffs; give it a finite friction, or a `when` if it is not meant to land here"
+                )
+        return ""
 
     def _why_not(self, refusal: Refusal, taking: Sequence[int], what: str) -> str:
         """Say why nothing may follow."""

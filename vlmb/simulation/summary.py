@@ -12,6 +12,7 @@ from vlmb.model.names import force_unit
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
+from vlmb.system.contacts import RESTING
 from vlmb.system.events import HAPPENS, SLIPS
 
 Array = NDArray[np.float64]
@@ -53,6 +54,8 @@ class Told(Protocol):
     @property
     def events(self) -> Sequence[Any]: ...  # noqa: D102
     @property
+    def stretches(self) -> Sequence[Any]: ...  # noqa: D102
+    @property
     def lowest_gaps(self) -> Mapping[str, float]: ...  # noqa: D102
     def __getitem__(self, name: str) -> Array: ...
     def power(self, name: str) -> Array: ...  # noqa: D102
@@ -89,7 +92,7 @@ def summarize(trajectory: Told, programme: str) -> str:
         edge, normal = trajectory.reactions["knife_edge"], trajectory.reactions["normal"]
         lines.append(f"  edge force       up to {largest(edge):.4g} N")
         lines.append(f"  normal force     {np.fmin.reduce(normal):.4g} to {np.fmax.reduce(normal):.4g} N")
-        if np.fmin.reduce(normal) < 0.0:
+        if np.fmin.reduce(normal) < 0.0 and not trajectory.scene.base.lift:
             first = float(trajectory.t[np.argmax(normal < 0.0)])
             lines.append(f"  WARNING          the snow would have to pull: the ski lifts off at t = {first:.4g} s")
     lines += [f"  WARNING          {sentence}" for sentence in _through_the_ground(trajectory)]
@@ -110,12 +113,13 @@ def summarize(trajectory: Told, programme: str) -> str:
 def _contacts(trajectory: Told) -> list[str]:
     """Tell when contacts changed, their largest forces and impulses, and what impacts and friction took."""
     lines, events = [], trajectory.events
+    if trajectory.scene.base.lift:
+        lines.append(f"  ski              {_when([event for event in events if 'ski' in event.contacts])}")
     legs = {leg.name for leg in trajectory.scene.legs}
     stops = [name for name in trajectory.lowest_gaps if name.endswith((".min", ".max"))]
     for name in (*trajectory.scene.touching, *stops):
         own = [event for event in events if name in event.contacts]
-        when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in own[:SHOWN]) or "no event"
-        when += f", ... ({len(own)})" if len(own) > SHOWN else ""
+        when = _when(own)
         left = sum(event.kind == SLIPS and event.name == name for event in own) if name in legs else 0
         when += f"; WARNING: it let go {left} times because its force left its cone" if left else ""
         pushes = trajectory.reactions[name]
@@ -126,15 +130,23 @@ def _contacts(trajectory: Told) -> list[str]:
         pushed = f"force up to {force:.4g} N, impulses up to {max(impulses, default=0.0):.4g} N s"
         what = "leg" if name in legs else "stop" if name in stops else "contact"
         lines.append(f"  {what:<17s}{name}: {pushed}; {when}")
+    if any(footing.state == RESTING for stretch in trajectory.stretches for footing in stretch.footings):
+        lines.append("  note             contacts share a load: forces are the least admissible ones, their sum is determined")
     times = [f"{event.t:.6g} s" for event in events if event.several]
     if times:
         when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
         lines.append(f"  note             other modes of contacts were admissible, and the most sticking ones taken, at {when}")
     works = trajectory.work_by_force.items()
     taken = {what: work[-1] for what, work in works if what == "impacts" or what.startswith("friction ")}
-    if trajectory.scene.touching or stops:
+    if trajectory.scene.closing or stops:
         lines.append(f"  lost             {', '.join(f'{what} {-work:.4g} J' for what, work in taken.items())}")
     return lines
+
+
+def _when(events: Sequence[Any]) -> str:
+    """Tell when a contact changed: the first times."""
+    when = ", ".join(f"{event.kind} {event.t:.6g} s" for event in events[:SHOWN]) or "no event"
+    return when + (f", ... ({len(events)})" if len(events) > SHOWN else "")
 
 
 def _events(trajectory: Told) -> list[str]:

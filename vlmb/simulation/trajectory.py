@@ -32,7 +32,7 @@ from vlmb.simulation.columns import Column, columns, to_pandas, to_xarray
 from vlmb.simulation.doubts import doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
-from vlmb.simulation.leg_histories import read_leg
+from vlmb.simulation.leg_histories import feet_at_end, read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
@@ -41,7 +41,7 @@ from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
-from vlmb.system.contacts import work_names_of
+from vlmb.system.contacts import HELD, work_names_of
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -155,7 +155,8 @@ class Trajectory(Remade, Displayed):
     def end(self) -> End:
         """The last sample, from which another run goes on: `simulate(scene, start=trajectory.end, t0=trajectory.end.time)`."""
         values, rates = self._coordinates
-        return end_of(self._postures, float(self.t[-1]), values[-1], rates[-1])
+        feet = feet_at_end(self.system.points, self.stretches) if self.scene.legs else []
+        return end_of(self._postures, float(self.t[-1]), values[-1], rates[-1], feet)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -213,11 +214,11 @@ class Trajectory(Remade, Displayed):
         `knife_edge` (positive to the ski's left), `normal` [N], `roll_moment`, `pitch_moment` [N m] at point A, as if every
         control acted from the ski; forces at points, drag and springs to fixed places are outer forces. `friction` [N] is along
         the ski, where there is any. A multiplier is the force along the gradient of
-        left side - right side. Of a contact and a leg it is the force (N, 3) [N] on the mechanism in the surface frame,
-        of a stop that along its length.
+        left side - right side. Of a contact, a leg and a ski that lifts ("ski") it is the force (N, 3) [N] on the mechanism in
+        the surface frame, of a stop that along its length.
         """
         snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
-        snow += ("friction",) if self.scene.base.friction else ()
+        snow += ("friction",) if self.scene.base.friction or self.scene.base.lift else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
         ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
@@ -261,7 +262,11 @@ class Trajectory(Remade, Displayed):
     def _residual(self, name: str) -> Residual:
         if name == "knife_edge":
             heading = self["phi0"]
-            return Residual(None, read_only(-self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading)))
+            sideways = -self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading)
+            for stretch in self.stretches if self.mechanism.layout.lifts else ():
+                if stretch.footings[-1].state != HELD:  # nothing holds it in the air, or while it skids
+                    sideways[stretch.first : stretch.last] = np.nan
+            return Residual(None, read_only(sideways))
         position, velocity = self._evaluations["residuals"][name]
         return Residual(position if self.system.is_holonomic(name) else None, velocity, self._equations[name])
 

@@ -30,7 +30,7 @@ def read_until(mechanism: Mechanism, until: str | None) -> tuple[str, str, Expre
         names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]
-    contacts = [*mechanism.scene.touching, *(point.name for point in stop_points(mechanism))]
+    contacts = [*mechanism.scene.closing, *(point.name for point in stop_points(mechanism))]
     if kind not in KINDS:
         raise SceneError(f"until = {until!r:.80}: no such event of a contact; {nearest(kind, KINDS)}")
     if name not in contacts:

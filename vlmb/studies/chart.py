@@ -48,6 +48,8 @@ class Chart:
     def __init__(self, system: System, start: Start, t: float = 0.0, like: Chart | None = None) -> None:
         if system.engine != "core":
             raise StudyError('this needs the core: leave run.engine at "auto"')
+        if system.mechanism.layout.lifts:
+            raise StudyError("this is there for a ski on the snow: set base.lift = false for it")
         engine = make_engine(system, start.branch)
         assert isinstance(engine, CoreEngine)
         self.system, self.engine, self.t, self.start = system, engine, t, start

@@ -87,6 +87,8 @@ def inverse(
 
 
 def _refuse_rows(scene: Scene) -> None:
+    if scene.contacts or scene.base.lift:
+        raise SceneError("inverse: what contacts push is not told from the forces asked for; give a scene without them")
     if scene.constraints:
         raise SceneError(
             "inverse: the forces of constraints cannot be told from those that are asked for; give a scene without them, "

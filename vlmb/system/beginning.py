@@ -33,22 +33,22 @@ def beginning(system: System, t0: float, closed: Collection[str] = ()) -> System
 def start_in_phase(system: System, t0: float) -> Start:
     """Make a consistent start, with the programmes that act where its contacts are closed."""
     start, scene = consistent_start(beginning(system, t0), t0), system.mechanism.scene
-    closed = _touching(system, start, t0) if goes_by_phase(scene) else frozenset()
+    view = StateView(system.mechanism, t0, system.mechanism.postures(start.state), start.branch, start.state)
+    closed = touching(system, view) if goes_by_phase(scene) else frozenset()
     if acting(scene, closed)[0] == acting(scene, ())[0]:
         return start
     return consistent_start(beginning(system, t0, closed), t0)
 
 
-def _touching(system: System, start: Start, t0: float) -> frozenset[str]:
+def touching(system: System, view: StateView) -> frozenset[str]:
     """Return the names of contacts whose points are on their surfaces."""
-    mechanism, found = system.mechanism, set[str]()
-    view = StateView(mechanism, t0, mechanism.postures(start.state), start.branch, start.state)
+    found = set[str]()
     for point in system.points:
         if isinstance(point, LegPoint):
             found |= {point.name} if point.leg.foot is not None else set()
             continue
         place = [view[name] if name else 0.0 for name in point.names]
-        _, size = point.frame(t0, np.array(place), mechanism.scene.plane, Footing())
-        if abs(point.surface.at(t0, place)[0]) <= NEAR_AT_START * size:
+        _, size = point.frame(view.t, np.array(place), system.mechanism.scene.plane, Footing())
+        if abs(point.surface.at(view.t, place)[0]) <= NEAR_AT_START * size:
             found.add(point.name)
     return frozenset(found)

@@ -24,6 +24,7 @@ from vlmb.system.cone_problem import (
 from vlmb.system.least_reactions import RANK
 
 TOLERANCE = 1e-12  # of inequalities, against the size of the terms they compare
+ROUNDING = 1e-3  # of the largest size among the rows: what a smaller one is compared with
 TURNS = 60  # steps on directions
 NEAR = 0.02  # rad, where Newton's method on directions begins if reactions are shared
 SETTLED = 1e-9  # rad, where they end at rounding
@@ -233,7 +234,8 @@ def _admitted(
 ) -> Answer | None:
     """Return the answer if every row and inequality holds, to rounding."""
     sizes = np.abs(problem.b) + np.abs(problem.g) @ np.abs(p)
-    if np.any(np.abs(v[frame.rows]) > TOLERANCE * sizes[frame.rows]):
+    least = ROUNDING * np.max(sizes, initial=0.0)  # of rows that nothing acts on
+    if np.any(np.abs(v[frame.rows]) > TOLERANCE * np.maximum(sizes[frame.rows], least)):
         return None
     pushes = [contact.normal for contact in problem.contacts]
     slack = TOLERANCE * float(np.max(np.abs(p[[*pushes, *_tangents(problem)]]), initial=0.0))

@@ -29,13 +29,15 @@ from vlmb.scene.names import PHASE_START
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import BASE, Contact, Force
 from vlmb.system.events import Event
+from vlmb.system.ski_contact import Edge, Heading
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 # AWAY: open, and blind until its gap has been positive; STANDING: a leg whose spring pushes, which no row holds
-OPEN, AWAY, HELD, SLIDING, STANDING = "open", "away", "held", "sliding", "standing"
-CLOSED = (HELD, SLIDING)  # with rows
+# RESTING: closed, and carries nothing, since others hold it where it is
+OPEN, AWAY, HELD, SLIDING, STANDING, RESTING = "open", "away", "held", "sliding", "standing", "resting"
+CLOSED = (HELD, SLIDING, RESTING)  # with rows, or with those of others
 UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
 ROUNDED = 1e-14  # [m] what rounding makes of a gap: one that opens at a speed of nothing would touch again in the same instant
 STILL = 1e-9  # [m/s] a speed that counts as none
@@ -148,6 +150,19 @@ class ContactPoint:
         return self.coefficient if static is None else float(static)
 
     @property
+    def edge(self) -> Edge | None:
+        """What snow holds of a ski; None for any other contact."""
+        return None
+
+    def slides(self, footing: Footing) -> bool:
+        """Whether it slides with friction."""
+        return footing.state == SLIDING and self.contact.slips
+
+    def mode(self, footing: Footing) -> tuple[object, ...]:
+        """Return what of a footing the equations of a phase depend on, beside numbers."""
+        return (footing.state,)
+
+    @property
     def moving(self) -> bool:
         """Whether its surface moves, and may do work."""
         return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
@@ -168,7 +183,7 @@ class ContactPoint:
 
     def shown(self, footing: Footing) -> str:
         """Return how it stands, as events tell it: open, held or sliding."""
-        return footing.state if footing.state in CLOSED else OPEN
+        return HELD if footing.state == RESTING else footing.state if footing.state in CLOSED else OPEN
 
     def parameter(self, what: str) -> str:
         """Name a number of a phase as its equations do; no scene can have such a name."""
@@ -211,7 +226,7 @@ class ContactPoint:
 
     def row_texts(self, footing: Footing) -> tuple[str, ...]:
         """Return the equations that it adds while it is closed: its surface first, then what holds it across."""
-        if footing.state not in CLOSED:
+        if footing.state not in (HELD, SLIDING):
             return ()
         texts = [f"{self.gap_text(footing)} = 0"]
         if footing.state != HELD:
@@ -262,8 +277,10 @@ class ContactPoint:
                 found[self.parameter("b" + name)] = footing.second[axis]
         return found
 
-    def row_vectors(self, footing: Footing, slope: Array) -> Array:
-        """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order."""
+    def row_vectors(self, footing: Footing, slope: Array, h: Heading = (1.0, 0.0)) -> Array:
+        """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order; h of a ski."""
+        if footing.state == RESTING:
+            return np.zeros((0, 3))
         if footing.state != HELD:
             return slope[None]
         across = [footing.first, footing.second][: 1 + all(self.names)]

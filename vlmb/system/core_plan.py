@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,7 +29,7 @@ from vlmb.scene.expressions import Equation, Expression, fold, parse_equation
 from vlmb.scene.names import PHASE_START, listed
 from vlmb.scene.tables import BOUNCE, Run
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import CLOSED, LIGHT, OPEN, STANDING, STILL, UNDER, Look, PhaseContacts
+from vlmb.system.contacts import CLOSED, LIGHT, OPEN, RESTING, STANDING, STILL, UNDER, Footing, Look, PhaseContacts
 from vlmb.system.contacts import HELD as HELD_STATE
 from vlmb.system.core_rows import grip_of, make_rows
 from vlmb.system.events import (
@@ -55,6 +55,7 @@ from vlmb.system.friction import FRICTION_EVENTS
 from vlmb.system.point_forces import lengths_of, scene_forces, singular_lengths
 from vlmb.system.prescribed import Prescribed
 from vlmb.system.programme import ProgrammePlan, control_channels, total_mass
+from vlmb.system.ski_contact import ALONG, EDGE, Edge, ski_rows
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
@@ -213,7 +214,7 @@ def make_core_plan(
     roots += [] if until is None else [until]
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
-    slides = scene.base.friction > 0.0 and not watching
+    slides = scene.base.friction > 0.0 and not watching and not scene.base.lift
     centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
     friction = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
     compiled = compile_tape(roots, table.resolve, table.signals.pieces)
@@ -272,19 +273,29 @@ def _watch_contacts(
     tape, closed = compiled.tape, 0
     first = len(tape.switch)
     for k, (point, footing) in enumerate(zip(contacts.points, contacts.footings, strict=True)):
-        if footing.state in CLOSED:
+        if footing.state in CLOSED and point.edge is not None:
+            at = next(at for other, _, at, _ in contacts.closed if other is point)
+            bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
+            for form, which, kind, part, side in _looks_of_ski(point.edge, footing, at):
+                watch.append((form, closed if form == core.HOLDS else which))
+                bounds.append((side, float(at)))
+                events.append(Event(CONTACT, FALLING, kind, "", k, part, STILL if kind == STICKS else light))
+            closed += 1
+        elif footing.state == RESTING:
+            closed += 1
+        elif footing.state in CLOSED:
             forms = [(core.HOLDS, OPENS)]
             if point.contact.slips:
                 forms.append((core.GRIPS, SLIPS) if footing.state == HELD_STATE else (core.STOPS, STICKS))
             for form, kind in forms:
                 watch.append((form, closed))
-                events.append(Event(CONTACT, FALLING, kind, "", k, STILL if kind == STICKS else light))
+                events.append(Event(CONTACT, FALLING, kind, "", k, slack=STILL if kind == STICKS else light))
             closed += 1
         elif footing.state != STANDING and point.lands:
             armed = footing.state == OPEN
             watch.append((core.SWITCH, first + k))
             name = TOUCHES if armed else REARMS
-            events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, UNDER if armed else 0.0))
+            events.append(Event(CONTACT, FALLING if armed else RISING, name, "", k, slack=UNDER if armed else 0.0))
     gaps = [seen + 4 * k + 3 for k in range(len(contacts.points))]
     first += len(gaps)
     for k, look in enumerate(looks):
@@ -293,6 +304,18 @@ def _watch_contacts(
     bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
     after = seen + 4 * len(gaps)
     return _with_switches(tape, [*gaps, *range(after, after + len(looks))])
+
+
+def _looks_of_ski(edge: Edge, footing: Footing, at: int) -> Iterator[tuple[int, int, str, int, float]]:
+    """Yield form, which, kind, part and side of the indicators of a closed ski, whose rows begin at an ideal row."""
+    rows = ski_rows(footing.state == HELD_STATE, footing.first)
+    yield core.HOLDS, at, OPENS, EDGE, 1.0
+    ratios, ways = (edge.hold if edge.limited else 0.0, edge.friction), footing.towards[1::-1]
+    for part, velocity in ((EDGE, 1), (ALONG, 0)):  # the sideways velocity is the second
+        if ratios[part] > 0.0 and part in rows:
+            yield core.BITES, at + rows.index(part), SLIPS, part, ratios[part]
+        elif ratios[part] > 0.0:
+            yield core.MOVES, velocity, STICKS, part, math.copysign(1.0, ways[part])
 
 
 def _with_switches(tape: op.Tape, roots: Iterable[int]) -> op.Tape:
@@ -360,10 +383,10 @@ def _watched(
         name = f"springs[{index}]"
         at = table.place((quantities.HALF_SQUARE, *list(table.rows)[table.lengths[name]][1:]), name)
         add(core.GROWTH, at, 1.0, 0.0, Event(LINE_UP, RISING, name, sentence, index))
-    if mechanism.scene.base.friction:
+    if mechanism.scene.base.friction and not mechanism.scene.base.lift:
         for form, event in zip((core.STANDS, core.SLIPS, core.LIFTS, core.YIELDS), FRICTION_EVENTS, strict=True):
             add(form, 0, 1.0, 0.0, event)
-    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    held = mechanism.layout.edged and run.knife_edge != "reduction"
     if len(mechanism.scene.constraints) + held:
         add(core.WORTH_OF_ROWS, 0, 1.0, 0.0, Event(DEPENDENT, FALLING, "the ideal constraints", ""))
     return watch, bounds, events

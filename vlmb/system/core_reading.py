@@ -27,7 +27,7 @@ class CoreReading:
         layout, first = arrays.layout, arrays.positions
         self.y = np.zeros(first + arrays.velocities)
         kind = int(arrays.tree.shape[columns.BASE_KIND])
-        self.on_ski, self.upright = layout.base == "ski", arrays.upright
+        self.on_ski, self.lifts, self.upright = layout.base == "ski", layout.lifts, arrays.upright
         axes = [0, 2] if layout.plane and layout.base == "free" else range(BASE_SIZES[kind][0])
         numbers = [0, 2] if kind == columns.SKI else range(layout.base_size)  # which velocities the core keeps of a base
         places = () if self.on_ski else zip(axes, range(layout.base_size), strict=True)
@@ -56,6 +56,8 @@ class CoreReading:
         poses, spatial = data.oMi, data.v
         if self.on_ski:
             y[0], y[1], y[2] = q[0], q[1], math.atan2(q[3], q[2])
+            if self.lifts:
+                y[3] = q[4]
         y[self.to_q] = q[self.from_q]
         y[self.to_v] = v[self.from_v]
         for joint, at, rate in self.turns:

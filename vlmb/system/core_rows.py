@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.contacts import AT, CARRIED, COUNT, HEAT, PLACE, SLIDES
+from vlmb.core.contacts import AT, CARRIED, COUNT, HEAT, OF_SKI, PLACE, SLIDES
 from vlmb.core.row_arrays import (
     ALONG,
     BEHIND,
@@ -39,7 +39,6 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.quantities import QuantityTable
 from vlmb.scene.tables import Run
 from vlmb.system.constraints import Constraint, ConstraintSet
-from vlmb.system.contacts import SLIDING as SLIDING_STATE
 from vlmb.system.contacts import PhaseContacts
 from vlmb.system.gains import MovingGains
 from vlmb.system.programme import ProgrammePlan, control_channels, control_scales
@@ -82,7 +81,7 @@ def make_rows(
 
     works : work states by name
     """
-    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    held = mechanism.layout.edged and run.knife_edge != "reduction"
     info = constraints.info if constraints is not None else ()
     if not (held or info):
         return no_rows()
@@ -121,7 +120,10 @@ def grip_of(contacts: PhaseContacts | None) -> Array:
     closed = [] if contacts is None else contacts.closed
     grip = np.zeros((len(closed), 9))
     for k, (point, footing, _, _) in enumerate(closed):
-        coefficient = point.coefficient if footing.state == SLIDING_STATE and point.contact.slips else 0.0
+        if point.edge is not None:
+            grip[k] = float(any(footing.towards)), 1e300, 0.0, 0.0, 0.0, *footing.towards, OF_SKI
+            continue
+        coefficient = point.coefficient if point.slides(footing) else 0.0
         grip[k] = coefficient, min(point.at_rest, 1e300), *point.contact.surface_velocity, *footing.towards, all(point.names)
     return grip
 
@@ -131,8 +133,7 @@ def _contacts(contacts: PhaseContacts | None, table: QuantityTable, works: Mappi
     closed = [] if contacts is None else contacts.closed
     found = np.full((len(closed), 8), -1, np.int64)
     for k, (point, footing, at, count) in enumerate(closed):
-        slides = footing.state == SLIDING_STATE and point.contact.slips
-        found[k, [AT, COUNT, SLIDES]] = held + at, count, slides
+        found[k, [AT, COUNT, SLIDES]] = held + at, count, point.slides(footing)
         found[k, PLACE : PLACE + 3] = [table.of(table.names.find(name)) if name else -1 for name in point.names]
         found[k, HEAT], found[k, CARRIED] = (works.get(f"{what} {point.name}", -1) for what in ("friction", "surface"))
     return found

@@ -57,7 +57,9 @@ class Dense:
         self.applied, self.solver, self.prescribed, self.projecting = applied, solver, prescribed, projecting
         self.work_names, self.branch, self.calls, self.diagnostics = work_names, branch, calls, diagnostics
         self.damped, self.contacts = "dissipation" in work_names, contacts
-        self.friction = SkiFriction(mechanism, frames.data) if mechanism.scene.base.friction else None
+        self.friction = (
+            SkiFriction(mechanism, frames.data) if mechanism.scene.base.friction and not mechanism.scene.base.lift else None
+        )
         self.forced = bool(direction_springs or applied.forces.needed or self.friction)
         self._lost = 0.0  # power in the direction dampers [W]
 

@@ -23,6 +23,7 @@ class Event(NamedTuple):
     name: str
     sentence: str
     which: int = -1  # of a line-up: the spring between points whose ends meet; the contact
+    part: int = 0  # of a contact: which of its grips
     slack: float = 1e-12  # [m, N, m/s] what counts as 0 at a start, of one that ends a run or a phase
 
     @property

@@ -20,6 +20,7 @@ from vlmb.scene.legs import Standing, index_of, law_text, place_names, swing_gap
 from vlmb.scene.tables import BASE, Contact, Leg
 from vlmb.system.contacts import HELD, LIGHT, OPEN, SLIDING, STANDING, ZERO, ContactPoint, Footing, Look, Surface, Vector
 from vlmb.system.events import CONTACT, FALLING, LETS_GO, LIMIT, TIPS, Event
+from vlmb.system.ski_contact import Heading
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,8 @@ class LegPoint(ContactPoint):
                 found.append(Look(parse(self.standing.grip, "legs"), Event(CONTACT, FALLING, TIPS, "", self.index)))
             if self.sprung:
                 light = LIGHT * leg.stiffness * float(leg.length or 0.0)
-                found.append(Look(parse(self.standing.force, "legs"), Event(CONTACT, FALLING, LETS_GO, "", self.index, light)))
+                off = Event(CONTACT, FALLING, LETS_GO, "", self.index, slack=light)
+                found.append(Look(parse(self.standing.force, "legs"), off))
         return tuple(found)
 
     def foot_at(self, t: float, place: Array, footing: Footing) -> Vector:
@@ -135,7 +137,7 @@ class LegPoint(ContactPoint):
         found |= {self.parameter(axis): at for axis, at in zip(AXES, footing.place, strict=True)}
         return found | ({self.parameter("stands"): 1.0} if self.closed(footing) else {})
 
-    def row_vectors(self, footing: Footing, slope: Array) -> Array:
+    def row_vectors(self, footing: Footing, slope: Array, h: Heading = (1.0, 0.0)) -> Array:
         """Return the gradient (1, 3) of its row over the point's place."""
         return slope[None]
 

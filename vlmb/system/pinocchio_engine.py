@@ -193,7 +193,7 @@ class PinocchioEngine:
         count = 4 * len(contacts.points)
         jets = self.memory.buffers.slots[self.watch.plant.tape.root[self.watch.seen : self.watch.seen + count]].reshape(-1, 4, 3)
         solver = self.workspace.solver
-        indicators[VALUE, self.gripping] = slips.indicators(t, jets, solver.multipliers[solver.held :])
+        indicators[VALUE, self.gripping] = slips.indicators(t, jets, solver.multipliers[solver.held :], y)
         indicators[RATE, self.gripping] = 0.0
 
     def hold_inputs(self, values: Sequence[float] | Array) -> None:

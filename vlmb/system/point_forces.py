@@ -214,10 +214,23 @@ def told(mechanism: Mechanism, seen: Postures) -> list[str]:
         keys += ["a rope, which never pushes" if spring.tension_only else ""]
         length = float(lengths_of(mechanism, index, seen))
         found.append(f"springs[{index}]: {first} to {second}, {', '.join(filter(None, keys))}; {length:.4g} m at the start")
+    for index, contact in enumerate(scene.contacts):
+        rub = {"rough": "rough", 0.0: "smooth"}.get(contact.friction, f"friction {contact.friction}")
+        bounce = f", restitution {contact.restitution:g}" if contact.restitution else ""
+        found.append(f"contacts[{index}]: {contact.name} at {contact.point} on {contact.surface} = 0, {rub}{bounce}")
+    for index, leg in enumerate(scene.legs):
+        sprung = f"{leg.stiffness:g} N/m, {leg.damping:g} N s/m, {leg.length or 0.0:g} m at rest"
+        pushes = sprung if leg.law is None else f"as long as {_short(leg.law)} m"
+        begins = "swings" if leg.foot is None else f"stands at ({leg.foot[0]:g}, {leg.foot[1]:g}) m"
+        begins += " and never lands, without an attack," if leg.attack is None else ""
+        found.append(f"legs[{index}]: {leg.name} from {leg.from_}, {pushes}; {begins} at the start")
     base = scene.base
     if base.friction:
         by = "the normal force" if base.friction_on == "normal" else "the resultant of normal and edge force"
         found.append(f"base: Coulomb friction {base.friction:g} of {by}")
+    if base.lift:
+        ratios = "" if base.hold is None else f", its edge holds {base.hold:g} times the normal force"
+        found.append(f"base: leaves the snow where it would have to pull{ratios}")
     if base.drag:
         found.append(f"base: drag {base.drag:g} kg/m by the velocity of {base.drag_at}")
     return found

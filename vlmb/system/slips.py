@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import Postures
 from vlmb.scene.tables import BASE
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing, PhaseContacts
+from vlmb.system.contacts import HELD, RESTING, SLIDING, ContactPoint, Footing, PhaseContacts
 from vlmb.system.frames import LinkFrames
+from vlmb.system.ski_contact import ALONG, EDGE, Edge, Heading, ski_frame, ski_rows, ski_way
 from vlmb.system.stops import StopPoint
 
 Array = NDArray[np.float64]
@@ -35,7 +37,7 @@ class Slips:
 
     def __init__(self, mechanism: Mechanism, contacts: PhaseContacts) -> None:
         self.contacts, self.plane = contacts, mechanism.scene.plane
-        self.sliding = [entry for entry in contacts.closed if entry[1].state == SLIDING and entry[0].contact.slips]
+        self.sliding = [entry for entry in contacts.closed if entry[0].slides(entry[1])]
         self.ways = [np.array(footing.towards) for _, footing, _, _ in self.sliding]
         self.last = [np.array(way) for way in self.ways]
         texts = [(f"{name} = 0", "contacts", True) for point, *_ in self.sliding for name in point.names if name]
@@ -60,8 +62,10 @@ class Slips:
             moving = rate - surface
             moving -= (moving @ normal) * normal
             way = way_of(self.ways[k], moving, normal, all(point.names))
-            self.last[k] = way
             share = -point.coefficient * size
+            if point.edge is not None:
+                way, share = ski_way(heading_at(q), self.contacts.footings[point.index].towards), -size
+            self.last[k] = way
             extra, carried = share * way[axes] @ lines, float(way @ surface)
             self.slides.append(Slide(row, extra, float(moving @ way), share, carried, point.name))
         return self.slides
@@ -70,13 +74,19 @@ class Slips:
         """Take the directions of the last evaluation as those at an accepted step."""
         self.ways = [np.array(way) for way in self.last]
 
-    def indicators(self, t: float, jets: Array, multipliers: Array) -> list[float]:
+    def indicators(self, t: float, jets: Array, multipliers: Array, q: Array) -> list[float]:
         """Return the indicators of closed contacts in their order: normal force, then what friction may still hold or the speed.
 
         jets (contacts, 4, 3) of places and gaps; multipliers of all ideal rows of the scene.
         """
         found, slid = [], 0
         for point, footing, at, count in self.contacts.closed:
+            if point.edge is not None:
+                found += _of_ski(point.edge, footing, heading_at(q), jets[point.index, :3, 1], multipliers[at : at + count])
+                slid += point.slides(footing)
+                continue
+            if footing.state == RESTING:
+                continue
             force, normal = held_by(point, footing, t, jets[point.index, :3, 0], multipliers[at : at + count])
             push = float(force @ normal)
             found.append(push)
@@ -101,15 +111,39 @@ def way_of(last: Array, moving: Array, normal: Array, any_way: bool) -> Array:
     return moving / speed if any_way and speed > SLOW and moving @ kept > 0.0 else kept
 
 
-def held_by(point: ContactPoint, footing: Footing, t: float, place: Array, multipliers: Array) -> tuple[Array, Array]:
+def _of_ski(edge: Edge, footing: Footing, h: Heading, velocity: Array, multipliers: Array) -> list[float]:
+    """Return the indicators of a closed ski: see `_looks_of_ski` of core_plan.py."""
+    rows, local = ski_rows(footing.state == HELD, footing.first), ski_frame(h) @ velocity
+    found, ratios, ways = [float(multipliers[0])], (edge.hold if edge.limited else 0.0, edge.friction), footing.towards[1::-1]
+    for part in (EDGE, ALONG):
+        if ratios[part] > 0.0 and part in rows:
+            found.append(ratios[part] * float(multipliers[0]) - abs(float(multipliers[rows.index(part)])))
+        elif ratios[part] > 0.0:
+            found.append(math.copysign(float(local[part]), float(local[part]) * ways[part]))
+    return found
+
+
+def heading_at(q: Array) -> Heading:
+    """Return the heading of a ski in Pinocchio's configuration."""
+    size = math.hypot(q[2], q[3])
+    return float(q[2]) / size, float(q[3]) / size
+
+
+def held_by(
+    point: ContactPoint, footing: Footing, t: float, place: Array, multipliers: Array, h: Heading = (1.0, 0.0)
+) -> tuple[Array, Array]:
     """Return the force (3,) [N] on the mechanism of the rows of a closed contact, and its normal (3,)."""
     slope = point.slope(t, place, footing)
-    return multipliers @ point.row_vectors(footing, slope), slope / float(np.linalg.norm(slope))
+    return multipliers @ point.row_vectors(footing, slope, h), slope / float(np.linalg.norm(slope))
 
 
-def force_of(point: ContactPoint, footing: Footing, t: float, place: Array, velocity: Array, multipliers: Array) -> Array:
+def force_of(
+    point: ContactPoint, footing: Footing, t: float, place: Array, velocity: Array, multipliers: Array, h: Heading
+) -> Array:
     """Return the force (3,) [N] of a closed contact on the mechanism, friction included, with its point at a place."""
-    force, normal = held_by(point, footing, t, place, multipliers)
+    force, normal = held_by(point, footing, t, place, multipliers, h)
+    if point.edge is not None:
+        return force - float(force @ normal) * ski_way(h, footing.towards)
     if footing.state == SLIDING and point.contact.slips:
         moving = velocity - np.array(point.contact.surface_velocity)
         moving = moving - (moving @ normal) * normal

@@ -71,7 +71,10 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     sets = row_sets(system, t0)
     share_azimuths(mechanism, coordinates, sets)
     adjustments = meet_positions(mechanism, followed, coordinates, sets)
-    adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.base == "ski" else []
+    if layout.lifts and "speed" in given:
+        heading = coordinates["phi0"]
+        rates["x_dot"], rates["y_dot"] = given["speed"] * math.cos(heading), given["speed"] * math.sin(heading)
+    adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.edged else []
     adjustments += meet_rates(mechanism, followed, coordinates, rates, sets)
     adjustments += choose_branch(mechanism, followed, coordinates, rates, sets)
     adjustments += _in_degrees(mechanism)

@@ -35,7 +35,7 @@ class _Posture:
 
     def __init__(self, mechanism: Mechanism, followed: set[str], coordinates: Values, rows: RowSet) -> None:
         self.rows, self.coordinates = rows, coordinates
-        ski = mechanism.layout.base == "ski"
+        ski = mechanism.layout.edged
         heading = coordinates["phi0"] if ski else 0.0
         self.along = {"x": math.cos(heading), "y": math.sin(heading)} if ski else {}
         self.names = [*(["speed"] if ski else []), *(n for n in mechanism.layout.names if n not in followed | self.along.keys())]

@@ -96,7 +96,7 @@ def rank_of(system: System, rows: RowSet, coordinates: dict[str, float], rates: 
     """Rank of rows on what may move: the sideways motion of a ski and prescribed lengths are taken out."""
     jacobian = rows.values(coordinates, rates).jacobian
     jacobian[:, [at.v for at in system.prescribed]] = 0.0
-    if system.mechanism.layout.base == "ski":
+    if system.mechanism.layout.edged:
         jacobian[:, SIDEWAYS] = 0.0
     sizes = np.linalg.norm(jacobian, axis=1)
     unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
@@ -227,14 +227,14 @@ def meet_rates(
     if not sets:
         return []
     layout, given = mechanism.layout, given_values(mechanism)
-    places = {"x_dot", "y_dot"} if layout.base == "ski" else set()  # the speed stands for them
+    places = {"x_dot", "y_dot"} if layout.edged else set()  # the speed stands for them
     names = [name for name in rates if name.removesuffix("_dot") not in followed and name not in places]
     speed_given = any(name in given for name in ("speed", "x_dot", "y_dot"))
-    if layout.base == "ski":
+    if layout.edged:
         names = ["speed", *names]
     unset = [name for name in names if name not in given and not (name == "speed" and speed_given)]
     before = dict(rates)
-    cosine, sine = (math.cos(coordinates["phi0"]), math.sin(coordinates["phi0"])) if layout.base == "ski" else (0.0, 0.0)
+    cosine, sine = (math.cos(coordinates["phi0"]), math.sin(coordinates["phi0"])) if layout.edged else (0.0, 0.0)
 
     def moved(changes: dict[str, float]) -> dict[str, float]:
         result = dict(rates)

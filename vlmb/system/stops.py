@@ -14,6 +14,7 @@ from vlmb.scene.expressions import parse
 from vlmb.scene.tables import BOUNCE, Contact
 from vlmb.system.contacts import ContactPoint, Surface, contact_points
 from vlmb.system.legs import leg_points
+from vlmb.system.ski_point import ski_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,5 +43,6 @@ def stop_points(mechanism: Mechanism) -> tuple[StopPoint, ...]:
 
 
 def all_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:
-    """Return the contacts of a mechanism, then its legs, then its stops. Raises SceneError, ExpressionError."""
-    return (*contact_points(mechanism), *leg_points(mechanism), *stop_points(mechanism))
+    """Return the contacts of a mechanism, then its legs, its stops, a ski that lifts. Raises SceneError, ExpressionError."""
+    others = (*contact_points(mechanism), *leg_points(mechanism), *stop_points(mechanism))
+    return (*others, *ski_points(mechanism, len(others)))

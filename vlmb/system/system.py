@@ -101,8 +101,8 @@ class System:
 
     @property
     def knife_edge(self) -> str:
-        """Form of the knife edge; "none" without a ski."""
-        return self.run.knife_edge if self.mechanism.layout.base == "ski" else "none"
+        """Form of the knife edge; "none" without a ski, and where its edge is held by a contact."""
+        return self.run.knife_edge if self.mechanism.layout.edged else "none"
 
     @property
     def info(self) -> tuple[Constraint, ...]:
@@ -241,7 +241,7 @@ def make_system(
         raise SceneError(f'{mechanism.massless[0]}, or let ideal rows hold it with run.{key} = "{value}"')
     springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
     forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
-    held = mechanism.layout.base == "ski" and run.knife_edge != "reduction"
+    held = mechanism.layout.edged and run.knife_edge != "reduction"
     if held or scene.constraints:
         require_decay(run)
     programme = programme_at(scene)

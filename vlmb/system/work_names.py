@@ -22,5 +22,6 @@ def names_of_work(
     acting: list[GeneralizedForce] = [*(entry.force for entry in scene_forces(mechanism, every=True)), *forces.channels]
     names += [force.name for force in acting if is_named(force)] + [at.force for at in prescribed]
     names += work_names_of(points)
-    lost = any((*dampers, *(float(force.kind == LOST) for force in forces.channels), mechanism.scene.base.friction))
+    base = mechanism.scene.base
+    lost = any((*dampers, *(force.kind == LOST for force in forces.channels), base.friction and not base.lift))
     return (*dict.fromkeys(names), *(("dissipation",) if lost else ()))

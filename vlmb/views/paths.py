@@ -129,7 +129,7 @@ def footholds(run: Trajectory) -> Array:
     found = dict.fromkeys(
         stretch.footings[point.index].place
         for stretch in run.stretches for point in run.system.points
-        if point.closed(stretch.footings[point.index]) and not isinstance(point, StopPoint)
+        if point.closed(stretch.footings[point.index]) and not isinstance(point, StopPoint) and point.edge is None
     )  # fmt: skip
     return np.array(list(found)).reshape(-1, 3)
 

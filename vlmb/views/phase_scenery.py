@@ -110,8 +110,8 @@ def _arrow(path: str, shape: shapes.Mesh, places: Array, vectors: Array, colour:
 
 
 def _on_ground(run: Trajectory) -> list[ContactPoint]:
-    """Return contacts and legs, without the stops of lengths."""
-    return [point for point in run.system.points if not isinstance(point, StopPoint)]
+    """Return contacts and legs, without the stops of lengths and a ski."""
+    return [point for point in run.system.points if not isinstance(point, StopPoint) and point.edge is None]
 
 
 def _stretch_at(run: Trajectory, when: Array) -> NDArray[np.int64]:

@@ -113,7 +113,8 @@ def residuals(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     figure = stacked(runs, "Constraint residuals", panels, labels, by_link=False, legends_above=True)
     for ax in figure.axes:
         values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
-        low, high = float(values.min()), float(values.max())
+        values = values[np.isfinite(values)]  # rows of a programme are none while it does not act
+        low, high = (float(values.min()), float(values.max())) if values.size else (ZERO, ZERO)
         decades(ax, low, high)
         if low == ZERO:
             ax.axhline(ZERO, color="#bbbbbb", linewidth=0.8, zorder=0.5)
@@ -130,7 +131,7 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     names = list(dict.fromkeys(name for run in runs for name in run.reactions))
     moments = [name for name in names if name.endswith("_moment")]
     contacts = list(dict.fromkeys(name for run in runs for name in run.scene.touching))
-    others = [name for name in names if name not in ("knife_edge", "normal", *moments, *contacts)]
+    others = [name for name in names if name not in ("knife_edge", "normal", "ski", *moments, *contacts)]
 
     def lines(which: Iterable[str]) -> list[Series]:
         return [

@@ -93,7 +93,8 @@ def _title(row: Row, width: int) -> str:
 
 def _log(ax: Axes) -> None:
     sizes = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
-    decades(ax, float(np.percentile(sizes, 2.0)), float(sizes.max()))
+    sizes = sizes[np.isfinite(sizes)]  # rows are none while their programme does not act
+    decades(ax, *((float(np.percentile(sizes, 2.0)), float(sizes.max())) if sizes.size else (ZERO, ZERO)))
 
 
 def error_reader(name: str, size: bool) -> Callable[[Trajectory], Array | None]:

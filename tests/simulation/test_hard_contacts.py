@@ -1,0 +1,133 @@
+"""Contacts where they are hard: Painleve, endless bounces, scuffing, a pencil that slips, turns and falls flat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import vlmb
+from tests.simulation.test_phases import balanced, mass, of_kind, rod
+from tests.simulation.walkers import MODELS
+from vlmb.system.contacts import HELD
+from vlmb.system.engines import make_engine
+from vlmb.system.start import consistent_start
+from vlmb.system.system import make_system
+
+ENGINES = ["core", "pinocchio"]
+G = 9.81
+
+
+@pytest.mark.parametrize(("mu", "angle"), [(1.4, 1.03), (1.4, 1.2), (2.0, 0.9), (2.0, 1.3)])
+def test_sliding_rod_that_friction_would_press_into_the_ground_stops_with_a_sentence(mu, angle):
+    """A rod slides with its body behind; no force of the ground is admissible where 1 + 3 cos a (cos a - mu sin a) < 0."""
+    assert 1.0 + 3.0 * np.cos(angle) * (np.cos(angle) - mu * np.sin(angle)) < 0.0
+    scene = rod([{"name": "end", "point": "base", "friction": mu}], {"psi1": angle, "z": 0.0, "x_dot": -3.0})
+    run = vlmb.simulate(scene)
+    assert run.status == "stopped" and len(run) == 1 and np.isfinite(run.states).all()
+    assert all(text in run.message for text in ("Painleve", "contact 'end'", f"at {angle:.4g} rad", f"friction {mu:g}"))
+    other = vlmb.simulate(scene.changed(start={"x_dot": 3.0}))  # the other way friction lifts it
+    assert other.status == "finished" and balanced(other)
+
+
+def test_endless_bounces_end_with_a_sentence():
+    run = vlmb.simulate(mass({"friction": 0.0, "restitution": 1.0}, {"z": 0.0, "z_dot": 3e-4}, duration=0.5))
+    assert run.status == "stopped" and "1000 events of contacts within 0.1 s (base)" in run.message
+    assert np.isfinite(run.states).all() and run["z"].min() > -1e-9 and len(run.events) == 999
+    falling = rod([{"name": n, "point": p, "friction": 0.5, "restitution": 0.5} for n, p in (("a", "base"), ("b", "rod.tip"))],
+                  {"psi1": 0.05, "z": 0.1}, duration=1.0)  # fmt: skip
+    rests = vlmb.simulate(falling)
+    assert rests.status == "finished" and balanced(rests) and rests.phases[-1].closed == ("a", "b")
+    assert min(rests.lowest_gaps.values()) > -1e-9 and len(rests.events) < 100
+
+
+def test_foot_that_scuffs_on_rough_ground_stops_with_a_sentence():
+    data = vlmb.load_scene(MODELS / "compass_gait.toml").to_dict()
+    bare = [{name: value for name, value in contact.items() if name != "when"} for contact in data["contacts"]]
+    run = vlmb.simulate({**data, "contacts": bare})
+    assert run.status == "stopped" and all(text in run.message for text in ("contact 'r'", "scuffs", "`when`"))
+    assert len(run) > 10 and np.isfinite(run.states).all() and not run.doubts and np.abs(run["balance"]).max() < 1e-6
+    slides = vlmb.simulate({**data, "contacts": [{**contact, "friction": 0.8} for contact in bare]}, duration=1.0)
+    assert slides.status in ("finished", "stopped") and np.isfinite(slides.states).all() and not slides.doubts
+
+
+def pencil(mu, begin, end):
+    """Return the times of the events of a pencil that falls from `begin` [rad] off the vertical: it slips, turns, lies flat."""
+
+    def stands(t, y):
+        return [y[1], 1.5 * G * np.sin(y[0])]
+
+    def share(y):  # of friction and normal force, per unit of weight, of a foot that holds
+        w2, a = 3.0 * G * (np.cos(begin) - np.cos(y[0])), 1.5 * G * np.sin(y[0])
+        return 0.5 * (a * np.cos(y[0]) - w2 * np.sin(y[0])), G - 0.5 * (a * np.sin(y[0]) + w2 * np.cos(y[0]))
+
+    def slides(side):
+        def rates(t, y):  # angle, rate, place and velocity of the foot
+            angle, rate, _, v = y
+            sine, cosine = np.sin(angle), np.cos(angle)
+            lever = 6.0 * (sine + mu * side * cosine)
+            normal = (G - 0.5 * cosine * rate**2) / (1.0 + 0.5 * sine * lever)
+            turned = lever * normal
+            return [rate, turned, v, -mu * side * normal - 0.5 * (cosine * turned - sine * rate**2)]
+
+        return rates
+
+    def to(rates, t, y, event, direction):
+        event.terminal, event.direction = True, direction
+        found = solve_ivp(rates, (t, end), y, events=event, method="DOP853", rtol=1e-13, atol=1e-14)
+        return found.t[-1], found.y[:, -1]
+
+    def grips(t, y):
+        friction, normal = share(y)
+        return mu * normal - abs(friction)
+
+    t, y = to(stands, 0.0, [begin, 0.0], grips, -1)
+    times, side = [t], -np.sign(share(y)[0])
+    t, y = to(slides(side), t, [*y, 0.0, 1e-300 * side], lambda t, y: y[3] * side, -1)
+    times.append(t)
+    t, y = to(slides(-side), t, [*y[:3], 0.0], lambda t, y: y[0] - np.pi / 2, 1)
+    return [*times, t], y
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_pencil_slips_turns_and_falls_flat(engine):
+    contacts = [{"name": "foot", "point": "base", "friction": 0.3}, {"name": "flat", "point": "rod.tip", "friction": 0.3}]
+    run = vlmb.simulate(rod(contacts, {"psi1": np.pi / 2 - 0.1, "z": 0.0}, duration=1.5), engine=engine)
+    times, end = pencil(0.3, 0.1, 1.5)
+    assert [(event.kind, event.name) for event in run.events[:3]] == [("slip", "foot"), ("slip", "foot"), ("touch", "flat")]
+    assert [event.t for event in run.events[:3]] == pytest.approx(times, abs=1e-9)
+    lands = np.flatnonzero(run.t == run.events[2].t)
+    assert run["x_dot"][lands[0]] == pytest.approx(end[3], abs=1e-8)
+    assert run["psi1_dot"][lands[0]] == pytest.approx(-end[1], abs=1e-8)
+    slid = run["x_dot"][lands[1]]  # both ends slide on together, until friction has stopped them
+    assert run.events[3].kind == "stick" and run.events[3].t - times[2] == pytest.approx(slid / (0.3 * G), abs=1e-9)
+    assert len(run.events) == 4 and run.phases[-1].closed == ("foot", "flat") and not run.phases[-1].slipping
+    assert balanced(run) and of_kind(run, "touch", "flat")[0].lost > 0.0
+    rests = run.reactions["foot"][-1] + run.reactions["flat"][-1]
+    assert rests == pytest.approx([0.0, 0.0, G], abs=1e-9) and abs(run.reactions["flat"][-1][0]) < 1e-9
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine):
+    part = {"rod": {"length": 0.8, "mass": 3.0}, "lower": {"length": 0.2, "motion": "free", "stiffness": 4000.0, "damping": 3.0}}
+    draw = np.random.default_rng(3)
+    for _ in range(3):
+        names = [f"{angle}{i}{dot}" for angle in ("phi", "psi") for i in (1, 2) for dot in ("", "_dot")]
+        start = dict(zip(names, draw.uniform(-1.0, 1.0, 8).tolist(), strict=True))
+        flying = {
+            "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base"}], "start": start,
+            "links": [{**part, "tip_mass": 1.0}, {**part, "tip_mass": 1.0}],
+        }  # fmt: skip
+        pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": []}
+        found = []
+        for data in (pivoted, flying):
+            scene = vlmb.Scene.from_dict(data)
+            system = make_system(vlmb.build(scene), scene.run, engine=engine)
+            begin = consistent_start(system, 0.0)
+            if system.points:
+                system = system.phase([system.points[0].footing_at(HELD, 0.0, np.zeros(3), plane=False)])
+            made = make_engine(system, begin.branch, None, engine)
+            found.append(made.evaluate(0.0, made.pack(begin.state))[made.velocities])
+        on_pivot, on_foot = found
+        assert on_foot[3:] == pytest.approx(on_pivot, abs=1e-14 * np.abs(on_pivot).max())
+        assert np.abs(on_foot[:3]).max() < 1e-13 * np.abs(on_pivot).max()
