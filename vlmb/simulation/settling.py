@@ -17,7 +17,7 @@ from vlmb.scene.by_phase import acting
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
-from vlmb.system.cone import Answer, Contact, Refusal, impact, modes
+from vlmb.system.cone import GENTLE, Answer, Contact, Refusal, impact, modes
 from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -28,6 +28,7 @@ from vlmb.system.ski_contact import ALONG
 Array = NDArray[np.float64]
 
 AGREE = 4  # tries to find what is closed under what acts then
+QUIET = 1e-7  # [m/s] a speed that counts as none where no contact is faster than GENTLE: feet that rattle come to rest together
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
 
 
@@ -68,7 +69,9 @@ class Settling(ContactView):
         strikes = [
             k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
         ]
-        taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= STILL]
+        gentle = all(abs(approach[k][-1]) < GENTLE for k in near)
+        still = QUIET if gentle else STILL
+        taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= still]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
             struck, impact_told, refusal = self._impact(found, taking, frames, approach)
@@ -83,7 +86,7 @@ class Settling(ContactView):
             if shared is not None:
                 return Outcome(shared, y)
             opening = {*opening, *left} if hit.name == OPENS else opening
-        resting = [k for k in taking if approach[k][-1] <= STILL and k not in opening]
+        resting = [k for k in taking if approach[k][-1] <= still and k not in opening]
         states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
         if refusal:
             return Outcome(footings, self.y, None, refusal)

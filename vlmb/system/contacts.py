@@ -39,6 +39,7 @@ Vector = tuple[float, float, float]
 OPEN, AWAY, HELD, SLIDING, STANDING, RESTING = "open", "away", "held", "sliding", "standing", "resting"
 CLOSED = (HELD, SLIDING, RESTING)  # with rows, or with those of others
 UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
+ROUNDED = 1e-14  # [m] what rounding makes of a gap: one that opens at a speed of nothing would touch again in the same instant
 STILL = 1e-9  # [m/s] a speed that counts as none
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -271,7 +272,7 @@ class ContactPoint:
 
     def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""
-        return Footing(gap=min(gap, 0.0))
+        return Footing(gap=min(gap, 0.0) - ROUNDED)
 
     def numbers(self, footing: Footing) -> dict[str, float]:
         """Return the parameters of its equations in a phase."""
