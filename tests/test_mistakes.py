@@ -104,7 +104,7 @@ COMMANDS: dict[str, tuple[list[str], int, str]] = {
     "a number with its unit": (["run", "scene.toml", "--duration", "5s"], 2, "invalid float value: '5s'"),
     "a command misspelt": (["simulate", "scene.toml"], 2, "invalid choice: 'simulate' (choose from"),
     "a file that is not there": (["run", "scen.toml"], 1, "scen.toml: no such scene file"),
-    "a model misspelt": (["run", "slalm"], 1, "did you mean 'skier_slalom'? (`vlmb models` lists them)"),
+    "a model misspelt": (["run", "slalm"], 1, "did you mean 'skier_slalom' or 'slip_walker'? (`vlmb models` lists them)"),
     "a plot misspelt": (["plot", "run.npz", "--only", "enrgy"], 1, "no plot 'enrgy'; did you mean 'energy'?"),
     "a picture of no kind": (["view", "scene.toml", "--png", "a.xyz"], 1, "must end as a picture's does, such as .png"),
     "a time beyond the run": (["view", "run.npz", "--time", "9", "--png", "a.png"], 1, "the motion lasts from 0 to 0.1 s"),

@@ -106,8 +106,8 @@ def test_a_hundred_links() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("tips", ["all", "none"])
 @pytest.mark.parametrize("base", ["pivot", "ski"])
-def test_hundred_postures_of_fifty_links(base: str, tips: str) -> None:
-    check_against_closed_form(random_scene(50, base, tips=tips), 100, seed=5)
+def test_postures_of_fifty_links(base: str, tips: str) -> None:
+    check_against_closed_form(random_scene(50, base, tips=tips), 15, seed=5)
 
 
 @pytest.mark.parametrize("base", ["pivot", "ski"])

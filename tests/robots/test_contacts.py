@@ -168,7 +168,7 @@ def test_contacts_that_are_wrong_are_named(scene: dict[str, Any], said: str) -> 
 
 
 def test_an_event_that_is_none_is_named() -> None:
-    with pytest.raises(vlmb.SceneError, match="no contact or leg 'left'"):
+    with pytest.raises(vlmb.SceneError, match="no contact 'left'"):
         vlmb.simulate(block(SOLE, 0.2), until="touch left")
     with pytest.raises(vlmb.TrajectoryError, match="no contact 'sole'"):
         run(block(SOLE, 0.2, start={"root.z": 0.4}), duration=0.01).centre_of_pressure("sole")

@@ -61,7 +61,7 @@ def test_what_cannot_be_is_named() -> None:
         ({"free": ["s1.tip.z"]}, SceneError, "none of the start's coordinates and rates"),
         ({"free": ["psi1_dot"], "mirror": {"left": "s1"}}, SceneError, "no link 'left'"),
         ({"free": ["psi1_dot"], "advance": {"x": 0.7}}, SceneError, "advance: x is not free"),
-        ({"free": ["psi1_dot"], "until": "touch s9.tip"}, SceneError, "no contact or leg 's9.tip'"),
+        ({"free": ["psi1_dot"], "until": "touch s9.tip"}, SceneError, "no contact 's9.tip'"),
         ({"free": ["psi1_dot"], "until": "touch s4.tip"}, SimulationError, "within run.duration = 0.3 s"),
     ):
         with pytest.raises(error, match=text):
