@@ -171,11 +171,11 @@ def test_forces_that_are_not_known_are_nan_and_said(tmp_path: Path) -> None:
 def test_an_interrupt_after_the_last_sample_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     make, tries = vlmb.Trajectory.from_run, []
 
-    def late(*args: Any) -> vlmb.Trajectory:
+    def late(*args: Any, **kwargs: Any) -> vlmb.Trajectory:
         tries.append(1)
         if len(tries) == 1:
             raise KeyboardInterrupt
-        return make(*args)
+        return make(*args, **kwargs)
 
     monkeypatch.setattr(vlmb.Trajectory, "from_run", staticmethod(late))
     run = vlmb.simulate(bent(PIVOT, 1), duration=0.1)
