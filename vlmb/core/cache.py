@@ -24,7 +24,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 SOURCES = Path(__file__).parent
 FOLDERS_KEPT = 4
 RECENTLY = 14 * 24 * 3600.0  # [s] folders used since are kept, however many there are
-ANNOUNCEMENT = "vlmb: compiling the engine, once on this machine, about a minute"
+ANNOUNCEMENT = "vlmb: compiling the engine, once on this machine, a minute or two"
 
 
 def fingerprint() -> str:
