@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vlmb.core.dense import cholesky
+from vlmb.core.dense import cholesky, solve_cholesky, solve_upper
 from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import sqrt
 from vlmb.core.tree import Array, Integers
@@ -116,15 +116,6 @@ def triangular(a: Array, m: int, n: int, width: int, order: Integers, room: Arra
 
 
 @inner
-def solve_triangle(a: Array, n: int, x: Array) -> None:
-    """Overwrite x (n,) with R^-1 x, R the upper triangle of A."""
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            x[i] -= a[i, j] * x[j]
-        x[i] /= a[i, i]
-
-
-@inner
 def write_demands(
     driven: Driven, mass: Array, bias: Array, tau: Array, matrix: Array, values: Array, scales: Array, gains: Array, out: Array,
     first: int, beside: Array, beside_rows: Integers,
@@ -200,25 +191,17 @@ def find_accelerations(driven: Driven, back: Array) -> bool:
         spread[i, left] = total
     if not cholesky(spread, left, REPEATED):
         return False
-    for i in range(left):
-        given[i] = spread[i, left]
-        for j in range(i):
-            given[i] -= spread[i, j] * given[j]
-        given[i] /= spread[i, i]
-    for i in range(left - 1, -1, -1):
-        for j in range(i + 1, left):
-            given[i] -= spread[j, i] * given[j]
-        given[i] /= spread[i, i]
+    solve_cholesky(spread, left, spread[:, left : left + 1], 1)
     for k in range(joints):
         total = 0.0
         for i in range(left):
-            total += given[i] * demands[rank + i, loose + k]
+            total += spread[i, left] * demands[rank + i, loose + k]
         vdot[driven.posed[k]] = back[k] + driven.flexible[k] * total
     for i in range(rank):
         given[i] = demands[i, nv]
         for k in range(joints):
             given[i] -= demands[i, loose + k] * vdot[driven.posed[k]]
-    solve_triangle(demands, rank, given)
+    solve_upper(demands, rank, given)
     for j in range(loose):
         vdot[driven.rest[driven.order[1, j]]] = given[j] if j < rank else 0.0
     return True
@@ -228,7 +211,7 @@ def find_accelerations(driven: Driven, back: Array) -> bool:
 def pushes_for(driven: Driven, force: Array, equations: Array) -> None:
     """Write the pushes that bear `equations` (rank,), those U as they are reflected, into the end of what is left of `force`."""
     rank, mu = driven.counts[RANK], driven.mu
-    solve_triangle(driven.motion, rank, equations)
+    solve_upper(driven.motion, rank, equations)
     for p in range(len(mu)):
         mu[driven.order[0, p]] = equations[p] if p < rank else 0.0
     for p in range(len(mu)):
@@ -263,7 +246,7 @@ def find_controls(driven: Driven, mass: Array, scales: Array, values: Array, fir
             column = settled + c - idle
             for i in range(settled):
                 given[i] = -driven.demands[i, column]
-            solve_triangle(driven.demands, settled, given)
+            solve_upper(driven.demands, settled, given)
             for j in range(settled):
                 change[driven.rest[driven.order[1, j]]] = given[j]
             change[driven.rest[driven.order[1, column]]] = 1.0
@@ -304,7 +287,7 @@ def find_controls(driven: Driven, mass: Array, scales: Array, values: Array, fir
         driven.counts[LOADS], fine = found, found == choices
         for i in range(found):
             given[i] = -driven.loads[i, choices]
-        solve_triangle(driven.loads, found, given)
+        solve_upper(driven.loads, found, given)
         for i in range(found):
             c = driven.order[1, i]
             for p in range(pushes):

@@ -207,10 +207,10 @@ def lay_friction(memory: Memory, answer: int, push: float) -> None:
 def next_friction(plant: Plant, memory: Memory, answer: int, y: Array, dy: Array) -> float:
     """Return the force along the ski for the next answer: after none one that is tried, then the friction that follows from both.
 
-    The third answer has it; there a ski that stands gets no acceleration.
+    The last answer has it; there a ski that stands gets no acceleration.
     """
     found, tried, first = memory.sliding[FOUND], memory.sliding[TRIED], plant.tree.shape[of.POSITIONS]
-    if answer == 2:
+    if answer == ANSWERS - 1:
         if found[SLIDES] == 0.0:
             dy[first] = 0.0
         return 0.0

@@ -40,13 +40,18 @@ def condition_of(text: str, key: str, allowed: Collection[str] | None = None) ->
     return Condition(text, parse(f"{second} - {first}" if less else f"{first} - {second}", key, allowed))
 
 
+def check_point(scene: SceneTables, point: str, key: str, refuse: Callable[[str, str], None]) -> None:
+    """Refuse what cannot be a point of a contact or of a leg."""
+    if point == BASE:
+        if scene.base.kind != "free":
+            refuse(key, f"'base' is the first hinge of a free base, not of a {scene.base.kind!r} one")
+    elif "." not in point:
+        refuse(key, f"{point!r:.80}: a point is a link's name with .tip, or another of its points, or 'base'")
+
+
 def check_contact(scene: SceneTables, contact: Contact, key: str, refuse: Callable[[str, str], None]) -> None:
     """Refuse a contact whose numbers or texts do not fit together."""
-    if contact.point == BASE:
-        if scene.base.kind != "free":
-            refuse(f"{key}.point", f"'base' is the first hinge of a free base, not of a {scene.base.kind!r} one")
-    elif "." not in contact.point:
-        refuse(f"{key}.point", f"{contact.point!r:.80}: a point is a link's name with .tip, or another of its points, or 'base'")
+    check_point(scene, contact.point, f"{key}.point", refuse)
     if contact.friction_static is not None:
         if contact.friction in ("rough", 0.0):
             refuse(f"{key}.friction_static", f"means nothing with friction = {contact.friction!r}; give both as numbers > 0")

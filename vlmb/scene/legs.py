@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 
 from vlmb.errors import ExpressionError
-from vlmb.scene.contacts import AXES
+from vlmb.scene.contacts import AXES, check_point
 from vlmb.scene.expressions import Tree, parse
 from vlmb.scene.names import PHASE_START
 from vlmb.scene.tables import BASE, Law, Leg, SceneTables
@@ -24,11 +24,7 @@ LENGTH, FORCE, FOOT = "length", "force", "foot"  # what equations may read of a 
 
 def check_leg(scene: SceneTables, leg: Leg, key: str, refuse: Callable[[str, str], None]) -> None:
     """Refuse a leg whose keys do not fit together. Raises ExpressionError for laws that cannot be read."""
-    if leg.from_ == BASE:
-        if scene.base.kind != "free":
-            refuse(f"{key}.from", f"'base' is the first hinge of a free base, not of a {scene.base.kind!r} one")
-    elif "." not in leg.from_:
-        refuse(f"{key}.from", f"{leg.from_!r:.80}: a point is a link's name with .tip, or another of its points, or 'base'")
+    check_point(scene, leg.from_, f"{key}.from", refuse)
     if leg.law is None and not (leg.length and leg.stiffness):
         refuse(key, "a leg needs length [m] and stiffness [N/m] > 0, or instead of these a `law` of its length")
     if leg.law is not None and (leg.length is not None or leg.stiffness or leg.damping):

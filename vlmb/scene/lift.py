@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.tables import BASE, SceneTables
 
 ON_SKI = ("base", "heading")  # ends of springs between directions that turn the ski
@@ -41,8 +42,7 @@ def check_lift(scene: SceneTables, refuse: Callable[[str, str], None]) -> None:
             refuse(key, f"a spring between {' and '.join(force.between)} pushes back on the ski: {why}")
         if force.on is not None and _turns_the_ski(scene, force.on, roots) and "ski" not in force.closed:
             refuse(key, _needs_snow(force.on))
-    owned = [("programme", scene.programme)] if scene.programme else []
-    for key, programme in (*owned, *((f"programmes[{k}]", each) for k, each in enumerate(scene.programmes))):
+    for key, programme in programmes_of(scene):
         for name in programme.controls:
             if _turns_the_ski(scene, name, roots) and "ski" not in programme.closed:
                 refuse(f"{key}.controls", _needs_snow(name))

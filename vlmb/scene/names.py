@@ -60,6 +60,12 @@ def check_names(
             raise SceneError(f"{shown}: {places[name]} has this name already")
         places[name] = key
 
+    def take_own(name: str, key: str, shown: str) -> None:  # of what results are read by, too
+        kind = kind_of(name)
+        if kind and name not in RESERVED:
+            raise SceneError(f"{shown}: this name is that of {kind}; choose another")
+        take(name, key, shown)
+
     for index, link in enumerate(links):
         take(link.name, f"links[{index}]", f"links[{index}].name = {link.name!r}")
     for index, name in enumerate(data):
@@ -73,22 +79,13 @@ def check_names(
             continue
         if not re.fullmatch(NAME, contact.name) or len(contact.name) > MAX_NAME:
             raise SceneError(f"{shown}: {ALLOWED_NAME}")
-        kind = kind_of(contact.name)
-        if kind and contact.name not in RESERVED:
-            raise SceneError(f"{shown}: this name is that of {kind}; choose another")
-        take(contact.name, f"contacts[{index}]", shown)
+        take_own(contact.name, f"contacts[{index}]", shown)
     for index, name in enumerate(legs):
-        kind = kind_of(name)
-        if kind and name not in RESERVED:
-            raise SceneError(f"legs[{index}].name = {name!r}: this name is that of {kind}; choose another")
-        take(name, f"legs[{index}]", f"legs[{index}].name = {name!r}")
+        take_own(name, f"legs[{index}]", f"legs[{index}].name = {name!r}")
     for index, name in enumerate(robots):
         take(name, f"robots[{index}]", f"robots[{index}].name = {name!r}")
     for index, name in enumerate(events):
-        shown, kind = f"events[{index}].name = {name!r}", kind_of(name)
-        if kind and name not in RESERVED:
-            raise SceneError(f"{shown}: this name is that of {kind}; choose another")
-        take(name, f"events[{index}]", shown)
+        take_own(name, f"events[{index}]", f"events[{index}].name = {name!r}")
     for row in (*rows.ideal, *rows.servo, *rows.secondary):
         if not row.named:
             continue

@@ -45,7 +45,6 @@ class PhasedRun(LegSteps):
         branch: Sequence[float], control: Control | None, progress: Callable[[float], None] | None = None,
         longest: float = np.inf, until: str = "",
     ) -> None:  # fmt: skip
-        self.system, self.options, self.points, self.control = system, run, system.points, control
         super().__init__(system, y, start, branch, control)
         self.options, self.until = run, until
         self.times, self.breaks, self.bounds, self.tell, self.longest = times, breaks, bounds, progress, longest

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
@@ -13,8 +12,8 @@ from vlmb.errors import StudyError
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.names import DOT
 from vlmb.scene.scene import Scene
-from vlmb.scene.tables import BASE, Contact
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.system.contacts import Footing, contact_points
 from vlmb.system.start_rows import RowSet, row_sets
 from vlmb.system.system import make_system
 
@@ -31,7 +30,7 @@ class Feet:
     def __init__(
         self, mechanism: Mechanism, values: Values, free: Collection[str], prescribed: set[str], begun: Trajectory
     ) -> None:
-        rows = _feet(mechanism.scene, begun)
+        rows = _feet(mechanism, begun)
         self.texts = tuple(rows)
         data = {key: value for key, value in mechanism.scene.to_dict().items() if key in KEPT}
         data["constraints"] = [*data.get("constraints", []), *rows]
@@ -85,26 +84,18 @@ class Feet:
             raise StudyError(f"{feet}ideal constraints do not hold at a start with what is free given; free other coordinates")
 
 
-def _feet(scene: Scene, begun: Trajectory) -> list[str]:
+def _feet(mechanism: Mechanism, begun: Trajectory) -> list[str]:
     """Return equations for the contacts that are closed at a start: places of those that hold, gaps of those that slide."""
     phase, found = begun.phases[0], []
-    for contact in scene.contacts:
-        if contact.name not in phase.closed:
+    for point in contact_points(mechanism):
+        if point.name not in phase.closed:
             continue
-        if contact.name in phase.slipping or contact.friction == 0.0:
-            found.append(f"{_surface(contact)} = 0")
+        if point.name in phase.slipping or point.smooth:
+            found.append(f"{point.gap_text(Footing())} = 0")
             continue
-        axes = "xz" if scene.plane else "xyz"
-        for axis in axes:
-            name, speed = _axis(contact, axis), contact.surface_velocity["xyz".index(axis)]
+        for name, speed in zip(point.names, point.contact.surface_velocity, strict=True):
+            if not name:
+                continue
             moving = f" + {speed!r}*t" if speed else ""
             found.append(f"{name} = {float(begun[name][0])!r}{moving}")
     return found
-
-
-def _axis(contact: Contact, axis: str) -> str:
-    return axis if contact.point == BASE else f"{contact.point}.{axis}"
-
-
-def _surface(contact: Contact) -> str:
-    return re.sub(r"\b[xyz]\b", lambda found: f"({_axis(contact, found[0])})", contact.surface)

@@ -134,8 +134,8 @@ class _Step:
         self.values: Values = {**first.coordinates, **first.rates}
         self.ski = scene.base.kind == "ski"
         if self.ski:
-            at, rate = self.values["phi0"], (self.values.pop(f"x{DOT}"), self.values.pop(f"y{DOT}"))
-            self.values[SPEED] = math.cos(at) * rate[0] + math.sin(at) * rate[1]
+            self.values[SPEED] = _speed(self.values)
+            del self.values[f"x{DOT}"], self.values[f"y{DOT}"]
         self.free = self._free(free)
         self.mirror = _mirrored(mechanism, mirror)
         self.advance = self._named("advance", advance, self.free)
@@ -196,8 +196,7 @@ class _Step:
         end = trajectory.end
         values = {**end.coordinates, **end.rates}
         if self.ski:
-            at = values["phi0"]
-            values[SPEED] = math.cos(at) * values[f"x{DOT}"] + math.sin(at) * values[f"y{DOT}"]
+            values[SPEED] = _speed(values)
         found = []
         for name in self.free:
             other, sign = self.mirror(name)
@@ -249,6 +248,12 @@ class _Step:
         rates = (-3.0 * values[:, 0] + 4.0 * values[:, 1] - values[:, 2]) / (2.0 * h)
         size = float(np.linalg.norm(rates / self.scales))
         return size > 0.0 and float(np.linalg.norm((matrix @ rates) / self.scales)) < SHARE * size
+
+
+def _speed(values: Values) -> float:
+    """Return the speed [m/s] of a ski along itself."""
+    at = values["phi0"]
+    return math.cos(at) * values[f"x{DOT}"] + math.sin(at) * values[f"y{DOT}"]
 
 
 def _mirrored(mechanism: Mechanism, mirror: Mapping[str, str]) -> Callable[[str], tuple[str, float]]:

@@ -93,13 +93,12 @@ class Surface:
 
     def at(self, t: float, place: Sequence[float] | Array) -> tuple[float, Array]:
         """Return value and gradient (3,) at a time and a place [m]."""
-        tape, slope, out = self.compiled.tape, np.zeros(3), np.zeros((1, 3))
+        slope, out = np.zeros(3), np.zeros((1, 3))
         moving = float(self._rate(t, place, ZERO, out))
         for axis in range(3):
             way = [0.0, 0.0, 0.0]
             way[axis] = 1.0
             slope[axis] = self._rate(t, place, way, out) - moving
-        del tape
         return float(out[0, 0]), slope
 
     def jet(self, t: float, place: Array) -> Array:

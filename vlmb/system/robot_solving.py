@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 drive = direct(driven.drive)
 
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
+NO_VALUES = "the ideal constraints, welds or edges have no finite values here"
 LOOSE = 1e-8  # relative size below which a direction of joints counts as out of reach of the controls
 
 
@@ -170,14 +171,19 @@ class RobotSolving:
     def _contradiction(self, table: Array) -> Exception:
         """Make the error of rows that cannot hold together: held ones among themselves, or some that no control reaches."""
         if not np.isfinite(table).all():
-            return SingularError("the ideal constraints, welds or edges have no finite values here")
-        held, names = table[: self.eliminated], [row.text for row in self.system.info]
+            return SingularError(NO_VALUES)
+        held = table[: self.eliminated]
         if len(held) and independent(held) is None:
-            error = np.abs(held[:, :-1] @ np.linalg.lstsq(held[:, :-1], held[:, -1], rcond=RANK)[0] - held[:, -1])
-            worst = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(error > 0.1 * error.max())))
-            return SingularError(f"{', '.join(worst)} contradict each other here: drop one of them")
+            nearest = np.linalg.lstsq(held[:, :-1], held[:, -1], rcond=RANK)[0]
+            return self._contradicting(np.abs(held[:, :-1] @ nearest - held[:, -1]))
         assert self.system.plan is not None
         return out_of_reach(self.system.plan, *self.effects())
+
+    def _contradicting(self, error: Array) -> SingularError:
+        """Make the error of held rows that contradict, by what each is off (held,)."""
+        names = [row.text for row in self.system.info]
+        worst = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(error > 0.1 * error.max())))
+        return SingularError(f"{', '.join(worst)} contradict each other here: drop one of them")
 
     def _least_multipliers(self) -> None:
         """Take the least of the multipliers that make the same motion by the same controls."""
@@ -236,14 +242,12 @@ class RobotSolving:
             if not info and bool((pivots * pivots > REPEATED * own).all()):
                 return answer
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
-            raise SingularError("the ideal constraints, welds or edges have no finite values here")
+            raise SingularError(NO_VALUES)
         scale = np.sqrt(np.maximum(own, 1e-300))
         answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=1e-10)[0] / scale[:, None]
         error = np.abs(matrix @ answer - right)
         if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
-            names = [row.text for row in self.system.info]
-            worst = list(dict.fromkeys(repr(names[k]) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())))
-            raise SingularError(f"{', '.join(worst)} contradict each other here: drop one of them")
+            raise self._contradicting(error.max(axis=1))
         return np.asarray(answer, dtype=np.float64)
 
 
