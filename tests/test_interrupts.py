@@ -106,7 +106,7 @@ def test_a_signal_at_any_moment(number: int, tmp_path: Path) -> None:
         assert process.returncode in (-sent, 130) or (process.returncode == 1 and "KeyboardInterrupt" in stderr)
 
 
-def test_an_interrupt_within_an_import_is_told_as_one(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_within_an_import_is_told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def lazily(args: Any) -> int:
         try:
             raise KeyboardInterrupt
