@@ -19,7 +19,7 @@ class Look(NamedTuple):
     """How the rod of a link is drawn."""
 
     colour: str
-    part: str = ""  # of a body: legs, limb, trunk, neck, head, arm, foot, pole
+    part: str = ""  # of a person: body (all of it), legs, limb, trunk, neck, head, arm, foot, pole
     thickness: float = 1.0  # factor on the radius its mass gives it
 
 
@@ -44,6 +44,7 @@ CHANGED = {GRAVITY: "#e8edf2", TRACK: "#5f7a92", BOOTS: "#7b8592", HINGE: "#7b85
 MACHINE, FAINT = "#5c6672", 0.3  # by night, what of a robot is darker than this
 
 PARTS = {
+    r"^(body|skier|rider|jumper)$": Look(JACKET, "body"),
     r"head": Look(SKIN, "head"),
     r"neck": Look(SKIN, "neck"),
     r"trunk|torso|thorax|chest|abdomen|pelvis|spine|back(?!_)": Look(JACKET, "trunk"),
