@@ -200,19 +200,25 @@ def _pushes(scene: Scene, like: Chart, names: Sequence[str]) -> Array:
 
 
 def _zeros(matrix: Array) -> tuple[int, int]:
-    """Return how many directions a matrix leaves at rest, and how often 0 is an eigenvalue: the rank of its powers falls to that.
+    """Return how many directions a matrix leaves at rest, and how often 0 is an eigenvalue.
 
-    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell.
+    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell. The directions at rest are taken away, and
+    what is left of the matrix has more of them as often as 0 is defective. (Ranks of its powers would take slow modes of something
+    stiff for 0.)
     """
-    scale = max(float(np.linalg.norm(matrix, 2)), 1.0)
-    power, counts = matrix / scale, [0]
-    while len(counts) <= len(matrix):
-        sizes = np.linalg.svd(power, compute_uv=False)
-        counts.append(int((sizes <= FLAT * sizes[0]).sum()) if sizes[0] > 0.0 else len(matrix))
-        if counts[-1] == counts[-2]:
+    from scipy.linalg import matrix_balance
+
+    left, counts = matrix_balance(matrix, permute=False)[0], list[int]()
+    least = FLAT * max(float(np.linalg.norm(left, 2)), 1.0)
+    while len(left):
+        _, sizes, right = np.linalg.svd(left)
+        count = int((sizes <= least).sum())
+        if not count:
             break
-        power = power @ matrix / scale
-    return counts[1], counts[-1]
+        counts.append(count)
+        rest = right[: len(right) - count]
+        left = rest @ left @ rest.T
+    return counts[0] if counts else 0, sum(counts)
 
 
 def _eigen(matrix: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128], tuple[str, ...]]:
