@@ -44,7 +44,7 @@ from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
-from vlmb.simulation.passage import Passing
+from vlmb.simulation.passage import Passage, Passing
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
 from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, STICKS, SWITCH, TOLD, Event
@@ -162,6 +162,10 @@ class Loop:
                 return sentence
         if self.t != self.start and self._lets_go():
             return None
+        found = self.passing.leave(self.driver, self.t, until) if self.t == self.start and self.engine.dependent >= 0 else None
+        sentence = self._along(found, until) if found is not None else None
+        if sentence is not None:
+            return sentence
         while True:
             code = self._slice()
             if code == DONE:
@@ -340,7 +344,11 @@ class Loop:
         if found is None:
             begin(driver, self.t, until)
             return None
-        crossing = found.first_crossing(self.engine)
+        return self._along(found, until)
+
+    def _along(self, found: Passage, until: float) -> str | None:
+        """Go along a passage to its end, or to the first event; return its sentence if it ends the run."""
+        driver, crossing = self.driver, found.first_crossing(self.engine)
         self.t = float(found.t if crossing is None else crossing.t)
         found.write(driver, self.t)
         if crossing is None:

@@ -1,7 +1,7 @@
 r"""Through a posture in which ideal rows lose their independence, where the motion through it is determined.
 
 There J M^-1 J^T has no inverse, and near it every error of the position is magnified: what is a little off the rows turns into
-another branch. The motion on its own branch is smooth all the same. So the passage is integrated by Gauss collocation with s stages,
+another branch. The motion on its own branch is smooth all the same. So the passage is integrated by Gauss collocation,
 
     k_i = f(t + c_i h, y_i),   y_i = y + h sum_j a_ij k_j,   each y_i brought onto the rows before f is asked,
 
@@ -11,6 +11,7 @@ the middle. The same with more stages, or in odd numbers of parts, tells the err
 
 from __future__ import annotations
 
+import math
 from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -23,18 +24,21 @@ from vlmb.core.locate import Crossing, root
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.simulation.engine import Engine
 from vlmb.system.events import IN_LINE, LINE_UP
-from vlmb.system.worth import LOOKED_AT
+from vlmb.system.worth import LOOKED_AT, REPEATING, TINIEST
 
 Array = NDArray[np.float64]
 
 ROUNDS, STEADY = 80, 1e-14  # of the iteration for the slopes, and the relative change that ends it
-STALLED = 1e-9  # relative change at which rounding may end it
-WAYS = ((4, 1), (6, 1), (8, 1), (10, 1), (4, 3), (4, 9))  # stages, parts: more stages in one part leave most room around the middle
-SPANS, LEFT = (1.0, 2.0, 4.0, 1.4, 2.8), 0.5  # of twice the way to the posture; what rows are worth at the end, of that at the start
+STALLED, IDLE = 1e-9, 20  # relative change at which rounding may end it; rounds without a gain that end it without an answer
+WAYS = ((4, 1), (6, 1), (8, 1), (10, 1), (4, 3), (4, 9))  # stages, parts: one part leaves most room around the middle
+SPANS = (1.0, 2.0, 4.0, 1.4, 2.8)  # of twice the way to the posture
+LEFT = 0.5  # of what rows are worth at the start: that at the end
 FINEST = 1e-10  # of a tolerance, what rounding leaves near the posture
 AGAIN = 0.8  # of what a row is worth: where it is looked at next
 NEARER = 0.1
 PROBE = 0.02  # of the time to the posture: how far ahead the rows are looked at
+BESIDE, LEAVING = 1e-3, 0.2  # [rad, m] that the fastest part goes: to a look beside a start, and at most to leave it
+SHARE, TRIES = 4.0, 8  # by what that is cut, and how often
 ON_ROWS = 2e-16  # [m, rad, per s] of a residual: what is left is magnified by the third power of what the rows are worth
 
 
@@ -111,6 +115,21 @@ class Passing:
         self.engine = engine
         self.closer = 0  # which of LOOKED_AT the rows are worth
 
+    def leave(self, driver: Driver, t: float, until: float) -> Passage | None:
+        """Return a way out of a start in which rows are dependent that are not so beside it; None where nothing is lost."""
+        y, tolerances = np.array(driver.point), (float(driver.real[RTOL]), float(driver.real[ATOL]))
+        fastest = float(np.abs(y[self.engine.velocities]).max(initial=0.0))
+        if fastest == 0.0 or not t < until or not _loses(self.engine, t, y, BESIDE / fastest):
+            return None
+        counted = _Counted(self.engine)
+        for span in (LEAVING / fastest / SHARE**k for k in range(TRIES)):
+            found = _agreed(counted, t, y, min(span, until - t), *tolerances)
+            if found is not None:
+                driver.counts[EVALUATIONS] += counted.count
+                driver.counts[STEPS] += len(found.parts)
+                return found
+        return None
+
     def seek(self, driver: Driver, t: float, until: float) -> Passage | str | None:
         """Return a passage; None where the run goes on as it is; a sentence where no one way is known."""
         engine, y = self.engine, np.array(driver.point)
@@ -138,6 +157,15 @@ class Passing:
             f"the ideal constraints {names} lose their independence {ahead:.3g} s on: two motions meet there, and what is "
             "known does not tell which of them goes on; start with more speed through that posture, or leave a little play"
         )
+
+
+def _loses(mover: Engine, t: float, y: Array, ahead: float) -> bool:
+    """Whether rows depend on each other that do not so a time [s] ahead."""
+    beside = _Counted(mover).on_rows(t + ahead, y + ahead * mover.evaluate(t, y))
+    answers = [mover.rows(t, y).answers, mover.rows(t + ahead, beside).answers]
+    sizes = np.maximum(np.max([np.linalg.norm(each, axis=1) for each in answers], axis=0), TINIEST)
+    here, there = ((np.linalg.svd(each / sizes[:, None], compute_uv=False) > math.sqrt(REPEATING)).sum() for each in answers)
+    return bool(here < there)
 
 
 class _Counted:
@@ -218,15 +246,18 @@ def _collocate(counted: _Counted, t: float, y: Array, h: float, stages: int) -> 
     """Go one part further; raises VlmbError where the iteration does not come to rest."""
     nodes, to_nodes, integrals = _tableau(stages)
     slopes, last, size = np.tile(counted.slope(t, y), (stages, 1)), np.inf, max(1.0, float(np.abs(y).max()))
+    idle = 0
     for _ in range(ROUNDS):
         new = np.empty_like(slopes)
         for i, stage in enumerate(y + h * to_nodes @ slopes):
             at = t + nodes[i] * h
             new[i] = counted.slope(at, counted.on_rows(at, stage))
         change = h * float(np.abs(new - slopes).max()) / size
-        slopes = new
+        slopes, idle = new, idle + (change > 0.5 * last)
         if change <= STEADY or (change <= STALLED and change > 0.5 * last):
             end = counted.on_rows(t + h, y + h * integrals.sum(axis=0) @ slopes)
             return Part(t, h, y, slopes), end
-        last = change
+        if idle > IDLE:
+            break
+        last = min(change, last)
     raise SimulationError("the iteration does not come to rest")
