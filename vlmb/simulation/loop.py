@@ -45,6 +45,7 @@ from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passage, Passing
+from vlmb.simulation.phases import Turn
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
 from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, STICKS, SWITCH, TOLD, Event
@@ -73,7 +74,7 @@ class Loop:
     def __init__(
         self, engine: Engine, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
         progress: Callable[[float], None] | None = None, longest: float = np.inf,
-        hand: Callable[[Array, Array], None] | None = None, turns: Callable[[int, float, Array], bool] | None = None,
+        hand: Callable[[Array, Array], None] | None = None, slides_on: Callable[[int, float, Array], bool] | None = None,
     ) -> None:  # fmt: skip
         self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
         self.method, self.controlled = find_method(run.method), longest < np.inf
@@ -93,11 +94,12 @@ class Loop:
         self.switched: list[float] = []  # times of the last switches
         self.hit: Event | None = None  # of a contact, that ended a phase
         self.happened: list[tuple[float, str, str]] = []  # time, kind and name of what is told
+        self.turns: list[Turn] = []  # where it began anew
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
         self.kept = len(times)  # samples, at most
-        self.turns, self.again = turns, False  # whether a contact only turns at (t, y); whether this step is begun anew
+        self.slides_on, self.again = slides_on, False  # whether a contact has a speed at (t, y); whether this step is begun anew
         self._refuse_start()
 
     @property
@@ -133,6 +135,8 @@ class Loop:
         try:
             self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
+                if self.t != self.start:
+                    self.turns.append(Turn(self.t, "a break of a law"))
                 sentence = self._stretch(end)
                 if self.hit is not None:
                     return "switched", ""
@@ -268,11 +272,11 @@ class Loop:
 
     def _turns(self, event: Event, t: float) -> bool:
         """Whether a contact that no longer slides along its last direction has turned there, and not stopped."""
-        if self.turns is None or event.kind != CONTACT or event.name != STICKS or not self.method.adaptive:
+        if self.slides_on is None or event.kind != CONTACT or event.name != STICKS or not self.method.adaptive:
             return False
         y = np.empty_like(self.driver.point)
         state_at(self.driver, t, y)
-        return bool(self.driver.real[H] > SHORTEST * max(1.0, abs(t)) and self.turns(event.which, t, y))
+        return bool(self.driver.real[H] > SHORTEST * max(1.0, abs(t)) and self.slides_on(event.which, t, y))
 
     def _begin_again(self, until: float) -> None:
         """Begin a step anew with a shorter one: friction knew no direction in the part after the turn."""
@@ -305,6 +309,7 @@ class Loop:
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
+                self.turns.append(Turn(self.t, f"the switch {event.name}"))
                 resume(self.driver, self.t, until)
                 return None
             self._end_here()
@@ -315,6 +320,7 @@ class Loop:
         if event.kind == DEPENDENT:
             return self._pass(until)
         if event.kind == GRIP:
+            self.turns.append(Turn(self.t, "the ski that stops or slips"))
             self._grip(until)
             return None
         self._end_here()
