@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.layout import State
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.tables import Run
 from vlmb.simulation.phased_run import PhasedRun
 from vlmb.simulation.samples import Samples
@@ -48,8 +49,7 @@ class RobotPhases(PhasedRun):
     @property
     def by_modes(self) -> bool:
         """Whether there is a programme."""
-        system: Any = self.system
-        return system.plan is not None
+        return bool(programmes_of(self.systems.scene))
 
     def _apart(self) -> list[Footing]:
         return [Footing()] * len(self.points)
@@ -66,10 +66,9 @@ class RobotPhases(PhasedRun):
         return system.commanded(self._commands())
 
     def _commands(self) -> tuple[str, ...]:
-        """Name the forces from outside, and the controls of a programme."""
+        """Name the forces from outside, and the controls of programmes."""
         system: Any = self.system
-        count = 0 if system.plan is None else len(system.plan.names)
-        return (*system.inputs, *(force.name for force in system.forces[len(system.forces) - count :]))
+        return commands_of(system)
 
     def _view(self, y: Array) -> Any:
         engine = self._mover_of(y)
@@ -82,6 +81,11 @@ class RobotPhases(PhasedRun):
 
     def _angle_to(self, point: ContactPoint) -> float | None:
         return None
+
+
+def commands_of(system: RobotSystem) -> tuple[str, ...]:
+    """Name the forces from outside, and the controls of all programmes."""
+    return (*system.inputs, *system.own.controls)
 
 
 def with_engine(system: RobotSystem, start: State) -> RobotSystem:
