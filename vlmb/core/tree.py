@@ -15,7 +15,7 @@ TIP, ROD = range(2)  # where a link hangs on its parent
 BASE_KIND, POSITIONS, VELOCITIES, LINKS, UPRIGHT = range(5)  # columns of `shape`; see Tree
 BASE_MASS, BASE_INERTIA, COM_OFFSET, GRAVITY = range(4)  # columns of `base`; gravity takes three
 PARENT, PLACE, AT_P, AT_V, LOWER_FREE, UPPER_FREE, ROD_CHILDREN, TIP_LOAD = range(8)  # columns of `link`
-LENGTH, MASS, CENTRE, INERTIA, TIP_MASS, K1, REST1, C1, K2, REST2, C2, ON_ROD, ANCHOR = range(13)  # of `real`; anchors take three
+LENGTH, MASS, CENTRE, INERTIA, TIP_MASS, K1, REST1, C1, K2, REST2, C2, ON_ROD, ANCHOR = range(13)  # of `real`; anchors take three, of a link on another (0, aside, 0)
 LOWER, LOWER_RATE, LOWER_SECOND, UPPER, UPPER_RATE, UPPER_SECOND = range(6)  # columns of given lengths
 
 # What may be wrong with an evaluation: a code is fault * PLACES + link, the link being the number of links for the base.

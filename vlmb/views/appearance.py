@@ -12,6 +12,7 @@ TRACK, TRAIL, PROGRAMME, EDGE_FORCE, GRAVITY = "#9db4c8", "#e08a3c", "#009e73", 
 CONTACT_FORCE, IMPULSE, FOOTPRINT = "#0072b2", "#cc79a7", "#7d8996"
 SKIN, JACKET, SLEEVES, TROUSERS, BOOTS = "#e9bd95", "#c8313a", "#d9525a", "#3a588c", "#575e69"
 HELMET, GOGGLES = "#e6e9ee", "#2b2f36"
+STEEL, STRAP = "#c4cad1", "#22262c"
 STRETCH = "#f0a030"  # segments that change their length
 
 
@@ -43,6 +44,7 @@ DARK = Theme("#0b1119", "#273341", "#33404e", "#465666", "#2a3038", "#414a55", "
              {GRAVITY: "#e8edf2", TRACK: "#5f7a92", BOOTS: "#7b8592", HINGE: "#7b8592", STAND: "#8b96a3"})  # fmt: skip
 
 PARTS = {
+    r"(^|_)(exo|bar|frame|brace)(_|$)": Look(STEEL, thickness=0.4),  # of a machine beside a body, whatever else it is named after
     r"head": Look(SKIN, "head"),
     r"neck": Look(SKIN, "neck"),
     r"trunk|torso|thorax|chest|abdomen|pelvis|spine|back(?!_)": Look(JACKET, "trunk"),
