@@ -46,7 +46,7 @@ def _interrupted(error: BaseException | None) -> bool:
 
 def make_parser() -> argparse.ArgumentParser:
     """Describe every command."""
-    parser = argparse.ArgumentParser(prog="vlmb", description="Mechanisms whose links change their length, on Pinocchio.")
+    parser = argparse.ArgumentParser(prog="vlmb", description="Simulate mechanisms whose links change their length.")
     parser.add_argument("--version", action="version", version=f"vlmb {__version__}")
     parser.commands = {}  # type: ignore[attr-defined]
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

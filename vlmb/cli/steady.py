@@ -8,15 +8,15 @@ from vlmb.errors import VlmbError
 from vlmb.studies.linearize import linearize
 from vlmb.studies.steady import steady
 
-WHAT = "find a steady motion, such as a turn, and how stable it is"
+WHAT = "find a steady motion, such as a turn, and its stability"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
     parser.add_argument("scene", help="scene file (.toml)")
-    parser.add_argument("--speed", type=float, help="[m/s] of the ski")
-    parser.add_argument("--radius", type=float, help="[m] of its turn, positive to the left")
-    parser.add_argument("--hold", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="any other quantity")
+    parser.add_argument("--speed", type=float, help="[m/s] speed of the ski")
+    parser.add_argument("--radius", type=float, help="[m] radius of its turn, positive to the left")
+    parser.add_argument("--hold", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="other quantities to hold")
 
 
 def execute(args: argparse.Namespace) -> int:

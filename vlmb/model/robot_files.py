@@ -5,6 +5,7 @@ Only files below the folder of the scene or of the package example-robot-data ar
 
 from __future__ import annotations
 
+import difflib
 import functools
 import math
 import re
@@ -57,7 +58,10 @@ def read_robot(urdf: str, key: str) -> RobotText:
     path = root / urdf
     if not path.is_file():
         known = sorted(str(found.relative_to(root)) for found in root.rglob("*.urdf"))
-        raise SceneError(f"{where}: no such file beside the scene, nor in {PACKAGE}; {nearest(urdf, known)}")
+        alike = {Path(found).stem.lower(): found for found in known}
+        close = [alike[stem] for stem in difflib.get_close_matches(Path(urdf).stem.lower(), alike, n=3, cutoff=0.4)]
+        hint = f"did you mean {' or '.join(map(repr, close))}?" if close else nearest(urdf, known)
+        raise SceneError(f"{where}: no such file beside the scene, nor in {PACKAGE}; {hint}")
     if not path.resolve().is_relative_to(root.resolve()) or path.stat().st_size > MAX_URDF:
         raise SceneError(f"{where}: leads out of {PACKAGE}, or is larger than {MAX_URDF} bytes")
     return _checked(path.read_text(encoding="utf-8", errors="replace"), key, path.parent, root, urdf)

@@ -43,6 +43,7 @@ from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passing
+from vlmb.simulation.phases import Turn
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
 from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, SWITCH, TOLD, Event
@@ -90,6 +91,7 @@ class Loop:
         self.switched: list[float] = []  # times of the last switches
         self.hit: Event | None = None  # of a contact, that ended a phase
         self.happened: list[tuple[float, str, str]] = []  # time, kind and name of what is told
+        self.turns: list[Turn] = []  # where it began anew
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
@@ -129,6 +131,8 @@ class Loop:
         try:
             self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
+                if self.t != self.start:
+                    self.turns.append(Turn(self.t, "a break of a law"))
                 sentence = self._stretch(end)
                 if self.hit is not None:
                     return "switched", ""
@@ -276,6 +280,7 @@ class Loop:
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
+                self.turns.append(Turn(self.t, f"the switch {event.name}"))
                 resume(self.driver, self.t, until)
                 return None
             self._end_here()
@@ -286,6 +291,7 @@ class Loop:
         if event.kind == DEPENDENT:
             return self._pass(until)
         if event.kind == GRIP:
+            self.turns.append(Turn(self.t, "the ski that stops or slips"))
             self._grip(until)
             return None
         self._end_here()

@@ -19,7 +19,7 @@ from vlmb.simulation.contact_view import Engine
 from vlmb.simulation.leg_steps import NEAR, LegSteps
 from vlmb.simulation.loop import Loop, Recorded
 from vlmb.simulation.motion import Motion
-from vlmb.simulation.phases import Event, Stretch
+from vlmb.simulation.phases import Event, Stretch, Turn
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
@@ -50,6 +50,7 @@ class PhasedRun(LegSteps):
         self.times, self.breaks, self.bounds, self.tell, self.longest = times, breaks, bounds, progress, longest
         self.stretches: list[Stretch] = []
         self.events: list[Event] = []
+        self.turns: list[Turn] = []
         self.parts: list[Samples] = []
         self.steps, self.evaluations, self.quiet = 0, 0, False
         self.now: System | None = None  # of the phase under way
@@ -121,6 +122,16 @@ class PhasedRun(LegSteps):
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
+            self.turns.append(self._turned(loop.hit, out))
+
+    def _turned(self, hit: Watched, out: Outcome) -> Turn:
+        """Return how a run goes on after the event of a contact."""
+        modes = tuple((point.name, point.shown(at)) for point, at in zip(self.points, out.footings, strict=True))
+        told = out.event
+        if told is None:
+            name = self.points[hit.which].name
+            return Turn(self.t, f"{hit.name} {name}", (name,), modes)
+        return Turn(self.t, f"{told.kind} {told.name}", told.contacts, modes)
 
     def _keep_start(self, out: Outcome) -> None:
         """Keep the start of a run that goes no further."""
@@ -162,6 +173,7 @@ class PhasedRun(LegSteps):
         self.steps += loop.steps
         self.evaluations += loop.evaluations
         self.events += [Event(*happened) for happened in loop.happened]
+        self.turns += loop.turns
         start = self.stretches[-1].end if self.stretches else loop.start
         if not told and len(recorded.t) and recorded.t[-1] not in self.times:
             recorded = Recorded(recorded.t[:-1], recorded.states[:-1])

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, VlmbError, nearest
+from vlmb.errors import SceneError, VlmbError
 from vlmb.scene.names import ENERGIES
 from vlmb.simulation.trajectory import Trajectory
 
@@ -79,7 +79,7 @@ def _one(name: str, what: Any) -> Kept:
     if not quantity:
         raise SceneError(f"keep: {name} = {what!r}: say how it is reduced, such as '{what}:last'; one of {', '.join(REDUCTIONS)}")
     if reduction not in REDUCTIONS:
-        raise SceneError(f"keep: {name} = {what!r}: no such reduction {reduction!r}; {nearest(reduction, REDUCTIONS)}")
+        raise SceneError(f"keep: {name} = {what!r}: no such reduction {reduction!r}; allowed: {', '.join(REDUCTIONS)}")
     return Kept(name, quantity, reduction)
 
 
@@ -105,6 +105,14 @@ def history(trajectory: Trajectory, name: str) -> Array:
         raise type(error)(f"{error}; or {', '.join(others[:12])}" if others else str(error)) from None
 
 
+def history_at(trajectory: Trajectory, name: str, times: Array) -> Array:
+    """Return a history (N,) at samples that were asked for.
+
+    Contacts have samples of their own at the instants of events, before and after: at such a time it is the one after.
+    """
+    return history(trajectory, name)[np.searchsorted(trajectory.t, times, side="right") - 1]
+
+
 def require_known(kept: Sequence[Kept], histories: Sequence[str], names: Any, others: Callable[[], Sequence[str]]) -> None:
     """Raise SceneError for a quantity that the scene does not have."""
     for name in [*(entry.quantity for entry in kept if entry.function is None), *histories]:
@@ -112,7 +120,8 @@ def require_known(kept: Sequence[Kept], histories: Sequence[str], names: Any, ot
             continue
         also = [*others()]
         if name.removeprefix(ERROR).removeprefix(ERROR_RATE) not in also:
-            raise SceneError(f"keep: this scene has no {name!r:.80}; {names.hint(name)}; or {', '.join(also) or 'nothing else'}")
+            others_too = f"; or {', '.join(also)}" if also else ""
+            raise SceneError(f"keep: this scene has no {name!r:.80}; {names.hint(name)}{others_too}")
 
 
 def reduced(reduction: str, t: Array, values: Array) -> float:

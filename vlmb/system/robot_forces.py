@@ -134,7 +134,7 @@ def drives_of(mechanism: RobotMechanism) -> tuple[Prescribed, ...]:
             segment = link.segment(which)
             if segment.motion == "prescribed":
                 joint = model.joints[model.getJointId(f"{link.name}.{side}")]
-                law = time_law(segment.law or 0.0, scene.parameters, f"links[{at}].{side}.law", mechanism.signals)
+                law = time_law(segment.law or 0.0, numbers_of(scene), f"links[{at}].{side}.law", mechanism.signals)
                 found.append(Prescribed(f"xi{at + 1}_{which}", f"F{at + 1}_{which}", joint.idx_q, joint.idx_v, law))
     return tuple(found)
 
