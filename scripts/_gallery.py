@@ -43,6 +43,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "slip_runner": {"time": 0.95, "ghosts": 16, "since": 0.2, "view_from": (0.2, -1.0, 0.2), "arrows": True},
     "slip_walker": {"time": 1.55, "ghosts": 6, "since": 0.3, "view_from": (0.2, -1.0, 0.2), "arrows": True},
     "jumper": {"time": 0.36, "ghosts": 1, "since": 0.0, "view_from": (0.3, -1.0, 0.2)},
+    "exoskeleton": {"time": 2.2, "ghosts": 1, "since": 0.0, "view_from": (0.6, -1.0, 0.25)},
     "chaplygin_sleigh": {"time": 3.0, "ghosts": 6},
     "skate_on_slope": {"ghosts": 12},
     "skate_lets_go": {"ghosts": 12},

@@ -78,22 +78,3 @@ def test_in_a_plane_links_stay_parallel_to_it() -> None:
     for i in range(len(mechanism.layout.links)):
         root = mechanism.layout.path(i)[0]
         assert seen.position(i, "tip")[1] == mechanism.layout.links[root].anchor[1]
-
-
-def test_links_hang_aside_in_a_plane() -> None:
-    """Nothing moves otherwise for it, springs between points are longer by it, and both engines and the drawn points know."""
-    def pair(aside: float, engine: str = "core") -> vlmb.Trajectory:
-        legs = [link(name, parent="trunk", parent_point=0.2, aside=y, **BARE) for name, y in (("left", aside), ("right", -aside))]
-        spring = {"between": ["left.tip", "right.tip"], "stiffness": 50.0}
-        scene = table(PIVOT, [link("trunk", lower=FIXED, upper=FIXED), *legs], plane=True, springs=[spring])
-        scene |= {"start": {"psi1": 1.2, "psi2": -1.0, "psi3": -1.0, "psi1_dot": 0.5}, "run": {"duration": 0.2, "fall": False}}
-        return vlmb.simulate(vlmb.Scene.from_dict(scene), engine=engine)
-
-    apart, close, other = pair(0.1), pair(0.0), pair(0.1, "pinocchio")
-    np.testing.assert_array_equal(apart["left.tip.y"], 0.1)
-    np.testing.assert_allclose(apart.position("right", "rod_start")[:, 1], -0.1, atol=1e-15)
-    assert apart["spring"][0] - close["spring"][0] == pytest.approx(0.5 * 50.0 * 0.2**2)
-    np.testing.assert_allclose(apart["psi2"], close["psi2"], atol=1e-9)  # legs side by side: the spring has no part in the plane
-    np.testing.assert_allclose(apart["psi2"], other["psi2"], atol=1e-7)
-    placed = apart.mechanism.model.jointPlacements[apart.mechanism.model.getJointId("left")].translation
-    assert placed[1] == 0.1 and 'pos="0.2 0.1 0"' in mjcf(apart.mechanism)
