@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.contacts import SLOW
 from vlmb.core.opcodes import PARAMETER, TIME, VALUE, Buffers, make_buffers
 from vlmb.core.tape import jets, prepare, read_leaves
 from vlmb.errors import SceneError
@@ -41,6 +42,7 @@ CLOSED = (HELD, SLIDING, RESTING)  # with rows, or with those of others
 UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
 ROUNDED = 1e-14  # [m] what rounding makes of a gap: one that opens at a speed of nothing would touch again in the same instant
 STILL = 1e-9  # [m/s] a speed that counts as none
+TURNING = 10.0 * SLOW  # [m/s] the speed of a contact at a right angle to where it slid, with which it turns and does not stop
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
 ZERO: Vector = (0.0, 0.0, 0.0)
 PLAIN = {"x": 0, "y": 1, "z": 2}  # surfaces whose rows across are coordinates of the point

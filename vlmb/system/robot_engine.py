@@ -186,7 +186,7 @@ class RobotEngine:
             found.append(space.contacts.look(t, space.q, space.v, dy[self.velocities], space.multipliers))
         count = len(self.system.events)
         if count:
-            found.append(np.array([space.laws[len(space.laws) - count :], np.zeros(count)]))
+            found.append(np.array([space.laws[len(space.laws) - count :], np.full(count, np.nan)]))
         return np.hstack(found)
 
     def look_at_contacts(self, t: float, y: Array) -> ContactLook:
@@ -229,6 +229,10 @@ class RobotEngine:
         moving, nq = np.array(y), self.workspace.nq
         moving[:nq] = pin.integrate(self.workspace.model, pin.normalize(self.workspace.model, y[:nq]), change)
         return moving
+
+    def tidied(self, y: Array) -> Array:  # pragma: no cover
+        """Return a copy of y with its quaternions of unit length; nothing asks for it here."""
+        raise NotImplementedError
 
     def look_at(self, worth: float) -> None:
         """Nothing is looked at more closely."""
