@@ -1,7 +1,7 @@
 """Links of variable length that move in a plane, by Lagrange's equations in numpy alone: a witness for both engines.
 
-Every point is r = (x, z) + sum_k s_k d(psi_k), s_k a number plus lengths, d = (cos psi, sin psi). With its Jacobian J, and J' q' as its drift,
-M = sum m J^T J + I e_psi e_psi^T and h = sum m J^T (drift + g e_z). Nothing here is taken from the package but a scene's numbers.
+Every point is r = (x, z) + sum_k s_k d(psi_k), s_k a number plus lengths, d = (cos psi, sin psi). With its Jacobian J and drift
+J' q', M = sum m J^T J + I e_psi e_psi^T and h = sum m J^T (drift + g e_z). Nothing here is the package's but a scene's numbers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import vlmb
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
-Way = list[tuple[int, float, bool, bool]]  # links from a point back to the base: a number [m], whether lower and upper lengths add
+Way = list[tuple[int, float, bool, bool]]  # links back to the base: a number [m], whether lower and upper lengths add
 
 
 class Jet(NamedTuple):
@@ -47,8 +47,8 @@ class Planar:
         found = [(i, number, point != "hinge", point == "tip")]
         if link.parent == "base":
             return found
-        on = link.parent_point
-        return found + self.way(link.parent, on if isinstance(on, str) else on - self.scene.links[self.links[link.parent]].lower.length)
+        on, parent = link.parent_point, self.scene.links[self.links[link.parent]]
+        return found + self.way(link.parent, on if isinstance(on, str) else on - parent.lower.length)
 
     def jet(self, way: Way, q: Array, v: Array) -> Jet:
         """Return a point at (q, v)."""
@@ -58,7 +58,8 @@ class Planar:
             psi = self.at[f"psi{i + 1}"]
             d, turned = np.array([np.cos(q[psi]), np.sin(q[psi])]), np.array([-np.sin(q[psi]), np.cos(q[psi])])
             s, rate = number, 0.0
-            for wanted, segment, name in ((low, self.scene.links[i].lower, f"xi{i + 1}_1"), (up, self.scene.links[i].upper, f"xi{i + 1}_2")):
+            link = self.scene.links[i]
+            for wanted, segment, name in ((low, link.lower, f"xi{i + 1}_1"), (up, link.upper, f"xi{i + 1}_2")):
                 if wanted and name in self.at:
                     s, rate = s + q[self.at[name]], rate + v[self.at[name]]
                     rows[:, self.at[name]] += d

@@ -20,7 +20,7 @@ def on_rod(parent: Link, point: str | float) -> float | None:
 
 
 def check_place(scene: SceneTables, index: int, parent: Link | None, refuse: Callable[[str, str], None]) -> None:
-    """Refuse an anchor that is none of the base, what is aside of no plane, a place along the parent that its rod does not give."""
+    """Refuse an anchor that is none of the base, `aside` without a plane, and a place along the parent that is not on its rod."""
     link, key, kind = scene.links[index], f"links[{index}]", scene.base.kind
     axes = "[ahead, left, up] in the ski's frame" if kind == "ski" else "[x, y, z] of the ground"
     if link.anchor is not None and link.parent != BASE:
