@@ -202,9 +202,9 @@ def _pushes(scene: Scene, like: Chart, names: Sequence[str]) -> Array:
 def _zeros(matrix: Array) -> tuple[int, int]:
     """Return how many directions a matrix leaves at rest, and how often 0 is an eigenvalue.
 
-    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell. The directions at rest are taken away, and
-    what is left of the matrix has more of them as often as 0 is defective. (Ranks of its powers would take slow modes of something
-    stiff for 0.)
+    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell. The directions at rest are taken away,
+    and what is left of the matrix has more of them as often as 0 is defective. (Ranks of its powers would take slow modes of
+    something stiff for 0.)
     """
     from scipy.linalg import matrix_balance
 

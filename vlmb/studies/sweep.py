@@ -152,7 +152,10 @@ def _computed(
             yield index, run_shard(task, part)
         return
     with _pool(executor, count) as pool, warnings.catch_warnings():  # the filters of threads that run are those of all
-        ahead = AHEAD * (count if executor is None else max(_workers_of(executor), count))
+        if _is_dask(executor):
+            ahead = _workers_of(executor)  # what waits in a worker's memory is lost with it
+        else:
+            ahead = AHEAD * (count if executor is None else max(_workers_of(executor), count))
         yield from _given_out(task, missing, pool, ahead, folder)
 
 
@@ -161,7 +164,7 @@ def _given_out(
 ) -> Iterator[tuple[int, Shard]]:
     """Give shards to a pool, some ahead of those that are done, and yield these."""
     finished: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
-    options = {"pure": False} if type(pool).__module__.startswith("distributed") else {}
+    options = {"pure": False} if _is_dask(pool) else {}
     waiting, under_way = iter(missing.items()), {}
 
     def give() -> None:
@@ -201,6 +204,11 @@ def _pool(executor: Any, count: int) -> Iterator[Any]:
             yield pool
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _is_dask(executor: Any) -> bool:
+    """Whether shards are computed by the workers of a cluster, which keep what is done until it is asked for."""
+    return type(executor).__module__.startswith("distributed")
 
 
 def _workers_of(executor: Any) -> int:
