@@ -157,7 +157,7 @@ def _wait_for_more(folder: Path, process: subprocess.Popen[bytes], count: int) -
 
 
 def _cluster(distributed: Any) -> Any:
-    return distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    return distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0")
 
 
 def _environment() -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 import queue
@@ -152,30 +153,31 @@ def _computed(
             yield index, run_shard(task, part)
         return
     with _pool(executor, count) as pool, warnings.catch_warnings():  # the filters of threads that run are those of all
-        if _is_dask(executor):
-            ahead = _workers_of(executor)  # what waits in a worker's memory is lost with it
-        else:
-            ahead = AHEAD * (count if executor is None else max(_workers_of(executor), count))
+
+        def ahead() -> int:
+            """Return how many shards are given out at once; a cluster may grow, and what waits in a worker is lost with it."""
+            if _is_dask(executor):
+                return max(_workers_of(executor), 1)
+            return AHEAD * (count if executor is None else max(_workers_of(executor), count))
+
         yield from _given_out(task, missing, pool, ahead, folder)
 
 
 def _given_out(
-    task: Task, missing: Mapping[int, Sequence[Any]], pool: Any, ahead: int, folder: StudyFolder | None
+    task: Task, missing: Mapping[int, Sequence[Any]], pool: Any, ahead: Callable[[], int], folder: StudyFolder | None
 ) -> Iterator[tuple[int, Shard]]:
     """Give shards to a pool, some ahead of those that are done, and yield these."""
     finished: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     options = {"pure": False} if _is_dask(pool) else {}
-    waiting, under_way = iter(missing.items()), {}
+    waiting, under_way = iter(missing.items()), dict[int, Any]()
 
     def give() -> None:
-        for index, part in waiting:
+        for index, part in itertools.islice(waiting, max(ahead() - len(under_way), 0)):
             future = under_way[index] = pool.submit(run_shard, task, part, **options)
             future.add_done_callback(lambda done, index=index: finished.put((index, done)))
-            return
 
     try:
-        for _ in range(ahead):
-            give()
+        give()
         while under_way:
             index, future = finished.get()
             del under_way[index]
