@@ -75,6 +75,20 @@ SCENES: dict[str, tuple[dict[str, Any], str]] = {
     "a spring to the ground": (
         {"springs": [{"between": ["leg.tip", "ground"], "stiffness": 3.0}]},
         "unknown point 'ground'; valid names: leg; points are"),
+    "a ski without inertia": ({**RIDER, "base": {"kind": "ski", "mass": 5.0}},
+        "a ski needs mass > 0 [kg] and inertia > 0 [kg m^2]"),
+    "friction of a pivot": ({"base": {"kind": "pivot", "friction": 0.1}}, "belong to kind = 'ski'; remove them from 'pivot'"),
+    "an edge that lets go, on the snow for good": ({"base": {**RIDER["base"], "hold": 0.4}}, "hold and skid need lift = true"),
+    "a contact of no point": ({"contacts": [{"name": "foot"}]}, "missing key 'contacts[0].point': point = \"legs.tip\""),
+    "a contact at a point that is not there": (
+        {"contacts": [{"point": "leg.foot"}]}, "'leg' has no point 'foot'; valid names: hinge, rod_start, rod_end, tip"),
+    "one contact without a list": ({"contacts": {"point": "leg.tip"}}, "each begins with [[contacts]], with two brackets"),
+    "an event that never says when": ({"events": [{"name": "low"}]}, "missing key 'events[0].when': when = \"legs.tip.z = 0.8\""),
+    "an event as a comparison": ({"events": [{"name": "low", "when": "psi1 > 0.3"}]}, "found a comparison; an equation is"),
+    "a programme as a list": ({"programme": ["psi1 = 0.4"]}, "expected table, got list; write [programme] with constraints = "),
+    "a control twice": (
+        {"programme": {"constraints": ["psi1 = 0.4"], "controls": ["M_psi1", "M_psi1"], "frequency": 3.0}},
+        "programme.controls: 'M_psi1' is named twice"),
 }  # fmt: skip
 
 FILES = {
@@ -95,6 +109,8 @@ CALLS: dict[str, tuple[dict[str, Any], str]] = {
     "a view of a wrong name": ({"control": lambda t, view: {"M_psi1": view["psi"]}},
         "control: unknown name 'psi'; did you mean 'psi1'"),
     "times that do not ascend": ({"t_eval": [0.1, 0.0]}, "t_eval: times must ascend within [0, 0.1] s"),
+    "an end that is not there": ({"until": "landing"},
+        "no event or quantity of this name; this scene has no events; an expression ends the run where it falls through 0"),
     "a start as a list": ({"start": [0.4]}, "must be the end of a run, or a dict of coordinates and rates by name"),
 }
 
@@ -108,6 +124,13 @@ COMMANDS: dict[str, tuple[list[str], int, str]] = {
     "a plot misspelt": (["plot", "run.npz", "--only", "enrgy"], 1, "no plot 'enrgy'; did you mean 'energy'?"),
     "a picture of no kind": (["view", "scene.toml", "--png", "a.xyz"], 1, "must end as a picture's does, such as .png"),
     "a time beyond the run": (["view", "run.npz", "--time", "9", "--png", "a.png"], 1, "the motion lasts from 0 to 0.1 s"),
+    "a file as the folder of results": (
+        ["run", "scene.toml", "--output", "scene.toml"], 1, "--output scene.toml: must be a folder for the results"),
+    "a format that is not there": (["convert", "run.npz", "run.mat"], 1, "a stored run (.npz) becomes .csv, .nc, .sto"),
+    "a block that is not there": (["matrices", "scene.toml", "--block", "Q"], 1, "--block Q: no such block; valid names: A, B"),
+    "a sweep without values": (["sweep", "scene.toml", "--vary", "start.psi1"], 1, "must be KEY=LOW:HIGH:COUNT or KEY=A,B,C"),
+    "a reduction of no kind": (
+        ["sweep", "scene.toml", "--vary", "start.psi1=1,2", "--keep", "psi1:final"], 1, "'final'; allowed: last, first, min"),
     "a run where a scene is meant": (["info", "run.npz"], 1, "a stored run, not a scene file"),
 }
 
@@ -148,6 +171,7 @@ def test_in_a_result() -> None:
         (lambda: run.reactions["edge"], "this trajectory has no reaction 'edge'; valid names: none"),
         (lambda: run.position("leg", "end"), "no point 'end' of link 'leg'; links: leg; points: hinge, rod_start, rod_end, tip"),
         (lambda: run.power("M_psi1"), "'M_psi1'"),
+        (lambda: run.save("run.csv"), "run.csv: save writes npz files; save_csv and `vlmb convert"),
     ):
         with pytest.raises(vlmb.TrajectoryError, match=re.escape(text)):
             ask()

@@ -177,6 +177,6 @@ def test_the_work_of_an_equation_that_names_the_time_is_counted() -> None:
     made = scene(PIVOT, [bob], start={"psi1": math.pi / 2, "xi1_1": 1.0}, **rows)
     run = vlmb.simulate(made, duration=1.0)
     assert run.work_by_force["xi1_1 = 1 + t**2"][-1] == pytest.approx(2.0 * 9.81 + 0.5 * 2.0 * 4.0, rel=1e-7)
-    assert "do no work where an equation does not name `t`" in (
+    assert "do no work if the equation does not name `t`" in (
         Path(__file__).resolve().parents[1] / "docs" / "howto" / "write-a-scene.md"
     ).read_text(encoding="utf-8").replace("\n", " ")

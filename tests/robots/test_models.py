@@ -36,6 +36,13 @@ def test_a_model_runs_and_is_seen(path: Path, tmp_path: Path, capfd: pytest.Capt
     page = tmp_path / "run.html"
     assert page.stat().st_size < LARGEST
     assert {"joints.png", "energy.png", "controls.png"} <= {entry.name for entry in tmp_path.iterdir()}
+    chosen = vlmb.plots.save_all(trajectory, tmp_path / "dark", only=["energy"], dark=True)
+    assert [entry.name for entry in chosen] == ["energy.png"]
+    assert chosen[0].read_bytes() != (tmp_path / "energy.png").read_bytes()
+    with pytest.raises(vlmb.VlmbError, match="no plot 'enrgy' of a run with robots; did you mean 'energy'"):
+        vlmb.plots.save_all(trajectory, tmp_path, only=["enrgy"])
+    with pytest.raises(vlmb.VlmbError, match="show one run: plot each run by itself"):
+        vlmb.plots.save_all([trajectory, trajectory], tmp_path)
     if find_browser() is None:
         pytest.skip("no Chromium is installed, so no page can be looked at")
     with Browser() as browser:

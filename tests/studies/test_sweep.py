@@ -234,7 +234,7 @@ def test_reductions() -> None:
         ({"start.psi1": []}, ["psi1:last"], "an empty list"),
         ({}, ["psi1:last"], "names no key"),
         ({"start.psi1": [1.0]}, ["psi1"], "say how it is reduced"),
-        ({"start.psi1": [1.0]}, ["psi1:lst"], "did you mean 'last'"),
+        ({"start.psi1": [1.0]}, ["psi1:lst"], "allowed: last, first, min"),
         ({"start.psi1": [1.0]}, ["psi7:last"], "no 'psi7'"),
         ({"start.psi1": [1.0]}, "psi1:last", "must be a dict of names"),
     ],

@@ -14,16 +14,16 @@ from vlmb.studies import bench
 from vlmb.studies.work_precision import measure
 from vlmb.views import work_precision_plots
 
-WHAT = "measure error against CPU time of every method and form of the knife edge"
+WHAT = "measure error against CPU time for each method and form of the knife edge"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files (.toml)")
-    parser.add_argument("--duration", type=float, help="[s]")
+    parser.add_argument("--duration", type=float, help="[s] simulated time of each run")
     parser.add_argument("--methods", nargs="+", choices=METHODS, help="default: all")
-    parser.add_argument("--repeats", type=int, default=5, help="turns through all runs; the fastest counts")
-    parser.add_argument("--budget", type=float, default=1.0, help="[s] a sweep ends after a run that took longer")
+    parser.add_argument("--repeats", type=int, default=5, help="repeats of each run; the fastest counts (default: 5)")
+    parser.add_argument("--budget", type=float, default=1.0, help="[s] end a series after a run that took longer (default: 1)")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/bench"), help="folder for bench.md, .json and .png")
 
 

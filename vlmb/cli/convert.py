@@ -10,13 +10,13 @@ from vlmb.errors import VlmbError
 from vlmb.simulation.export import FORMATS, export
 from vlmb.simulation.loading import load_trajectory
 
-WHAT = "write a stored run as csv, nc or sto, a scene as MJCF: vlmb convert run.npz run.sto, vlmb convert scene.toml scene.xml"
+WHAT = "convert a stored run to csv, nc or sto (vlmb convert run.npz run.sto), or a scene to MJCF (vlmb convert a.toml a.xml)"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
     parser.add_argument("source", help="stored run (.npz) or scene file (.toml)")
-    parser.add_argument("target", type=Path, help="file to write: .csv, .nc or .sto of a run, .xml of a scene")
+    parser.add_argument("target", type=Path, help="file to write: .csv, .nc or .sto for a run, .xml for a scene")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -28,4 +28,4 @@ def execute(args: argparse.Namespace) -> int:
     if source.suffix == ".toml" and target.suffix == ".xml":
         return to_mjcf(args.source, target)
     formats = ", ".join(FORMATS)
-    raise VlmbError(f"convert: {source} to {target}: a stored run (.npz) becomes {formats}, a scene (.toml) MJCF (.xml)")
+    raise VlmbError(f"{source} to {target}: a stored run (.npz) becomes {formats}, a scene (.toml) becomes MJCF (.xml)")

@@ -15,7 +15,7 @@ from vlmb.simulation.checking import Checked, check
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 
-WHAT = "print degrees of freedom, joints, and what was left out and why"
+WHAT = "print a scene's coordinates, degrees of freedom, joints, and what was left out and why"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from vlmb.equations.motion import FORMS
 from vlmb.errors import VlmbError
 from vlmb.simulation.files import replacing, write_text
 
-WHAT = "print the blocks of the equations of motion (4.1) at a posture, without the scene's forces and constraints"
+WHAT = "print the blocks of the equations of motion (4.1) in a posture, without the scene's forces and constraints"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,10 +25,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--block", action="append", nargs="+", metavar="NAME", default=[],
-        help="A B C1 C2 D E F1 F2 G H1 H2 K, X Y PHI0 and others of a base, mass_matrix, bias; default: every block",
+        help="A B C1 C2 D E F1 F2 G H1 H2 K; X Y PHI0 and others for a base; mass_matrix, bias (default: every block)",
     )  # fmt: skip
-    parser.add_argument("--form", choices=FORMS, default="full", help="which equations of a ski (default: full)")
-    parser.add_argument("--format", choices=matrices.FORMATS, default="text", help="default: text")
+    parser.add_argument("--form", choices=FORMS, default="full", help="which form of the equations of a ski (default: full)")
+    parser.add_argument("--format", choices=matrices.FORMATS, default="text", help="format of the output (default: text)")
     parser.add_argument("-o", "--output", type=Path, help="file to write instead of printing")
 
 

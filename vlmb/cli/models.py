@@ -6,12 +6,12 @@ import argparse
 
 from vlmb.scene.shipped import model_file, model_lines
 
-WHAT = "list the models that come with vlmb, or print the file of one to start your own from"
+WHAT = "list the models that come with vlmb, or print one as a start for your own"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("name", nargs="?", help="a model: print its scene file, e.g. vlmb models slalom > mine.toml")
+    parser.add_argument("name", nargs="?", help="print the scene file of this model, e.g. vlmb models slalom > mine.toml")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -23,5 +23,5 @@ def execute(args: argparse.Namespace) -> int:
     width = max(map(len, lines))
     for name, text in lines.items():
         print(f"{name:<{width}}  {text}")
-    print("\nRun one by its name or the end of it: vlmb run slalom")
+    print("\nRun one by its name or the end of its name: vlmb run slalom")
     return 0

@@ -15,9 +15,9 @@ WHAT = "draw the plots of stored runs; several runs share one figure"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
     parser.add_argument("runs", nargs="*", help="stored runs (.npz)")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="which figures, e.g. path energy")
-    parser.add_argument("--dark", action="store_true", help="on a dark ground")
-    parser.add_argument("-o", "--output", type=Path, default=Path("plots"), help="folder for the pictures")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="figures, e.g. path energy (default: all that apply)")
+    parser.add_argument("--dark", action="store_true", help="draw on a dark background")
+    parser.add_argument("-o", "--output", type=Path, default=Path("plots"), help="folder for the pictures (default: plots)")
 
 
 def settle(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:

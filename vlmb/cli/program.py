@@ -30,16 +30,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"vlmb {args.command}: {where}{error}", file=sys.stderr)
         except BrokenPipeError:
             pass
-        except KeyboardInterrupt:
-            print(f"vlmb {args.command}: interrupted; earlier results are as they were", file=sys.stderr)
         except OSError as error:
             print(f"vlmb {args.command}: {error.filename or ''}: {error.strerror}", file=sys.stderr)
+        except (KeyboardInterrupt, ImportError) as error:
+            if not _interrupted(error):
+                raise
+            print(f"vlmb {args.command}: interrupted; earlier results are as they were", file=sys.stderr)
     return 1
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an interrupt is behind an error: one within the import of a compiled module becomes an ImportError."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or _interrupted(error.__cause__ or error.__context__))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Describe every command."""
-    parser = argparse.ArgumentParser(prog="vlmb", description="Mechanisms whose links change their length, on Pinocchio.")
+    parser = argparse.ArgumentParser(prog="vlmb", description="Simulate mechanisms whose links change their length.")
     parser.add_argument("--version", action="version", version=f"vlmb {__version__}")
     parser.commands = {}  # type: ignore[attr-defined]
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

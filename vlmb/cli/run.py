@@ -23,27 +23,28 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import view
 from vlmb.views.live import Live
 
-WHAT = "simulate a scene (or replay a stored run); write run.npz, run.csv, plots and a page that plays"
+WHAT = "simulate a scene (or replay a stored run) and write run.npz, run.csv, plots and a page that plays the motion"
 OPTIONS = ("duration", "method", "rtol", "atol", "step", "knife_edge", "gain", "engine", "max_step")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
+    parser.epilog = "What is not given is taken from the scene's [run]."
     parser.add_argument("scene", help="scene file (.toml), name of a model, or stored run (.npz)")
     parser.add_argument("-o", "--output", type=Path, default=None, help="folder for the results (default: results/NAME)")
-    parser.add_argument("--duration", type=float, help="[s]")
+    parser.add_argument("--duration", type=float, help="[s] simulated time")
     parser.add_argument("--method", choices=METHODS, help="integration method")
-    parser.add_argument("--rtol", type=float)
-    parser.add_argument("--atol", type=float)
-    parser.add_argument("--step", type=float, help="[s] of the fixed-step methods")
-    parser.add_argument("--knife-edge", choices=("reduction", "multiplier", "projection"))
-    parser.add_argument("--gain", type=float, help="[1/s] Baumgarte gain of the knife edge as a multiplier")
-    parser.add_argument("--engine", choices=("auto", "core", "pinocchio"), help="what evaluates the motion (default: auto)")
+    parser.add_argument("--rtol", type=float, help="relative tolerance of adaptive methods")
+    parser.add_argument("--atol", type=float, help="absolute tolerance of adaptive methods")
+    parser.add_argument("--step", type=float, help="[s] step of the fixed-step methods")
+    parser.add_argument("--knife-edge", choices=("reduction", "multiplier", "projection"), help="how the knife edge is enforced")
+    parser.add_argument("--gain", type=float, help="[1/s] how fast errors of constraints are corrected")
+    parser.add_argument("--engine", choices=("auto", "core", "pinocchio"), help="engine that evaluates the motion")
     parser.add_argument("--max-step", type=float, metavar="S", help="[s] longest step of adaptive methods")
     parser.add_argument("--no-plots", action="store_true", help="write no pictures and no run.html")
     parser.add_argument("--view", action="store_true", help="show the motion in the browser while it is computed")
     parser.add_argument("--json", action="store_true", help="print results as JSON instead of text")
-    parser.add_argument("--verbose", action="store_true", help="show the log of vlmb on stderr")
+    parser.add_argument("--verbose", action="store_true", help="print vlmb's log to stderr")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -54,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     if path.suffix == ".npz":
         stored = load_trajectory(path)
         if stored.input_names:
-            raise VlmbError(f"{path}: this run had a Python control callable, which is not stored; it cannot be replayed")
+            raise VlmbError(f"{path}: this run used a Python control function, which is not stored, so it cannot be replayed")
         scene, t0 = stored.scene.changed(run=stored.run), stored.t0
         if stored.status == "finished" and args.duration is None:
             times = stored.t
@@ -66,6 +67,8 @@ def execute(args: argparse.Namespace) -> int:
     folder = args.output or _folder_of(path)
     watched = Live(scene, changes, browser=True) if args.view else None
     watch = watched.take if watched else None
+    if folder.exists() and not folder.is_dir():
+        raise VlmbError(f"--output {folder}: must be a folder for the results; there is a file of this name")
     made = [part for part in (folder, *folder.parents) if not part.exists()]
     folder.mkdir(parents=True, exist_ok=True)  # before the run: nothing computed shall be lost
     try:

@@ -10,7 +10,7 @@ from vlmb.cli.output import wrote
 from vlmb.scene.schema import scene_schema
 from vlmb.simulation.files import write_text
 
-WHAT = "print a JSON schema of scene files, by which editors complete keys and mark mistakes"
+WHAT = "print a JSON schema of scene files, so that editors complete keys and mark mistakes"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

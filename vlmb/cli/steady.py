@@ -12,18 +12,18 @@ from vlmb.studies.steady import steady
 from vlmb.views import view
 from vlmb.views.stills import save_still
 
-WHAT = "find a steady motion, such as a turn, and how stable it is"
+WHAT = "find a steady motion, such as a turn, and its stability"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
     parser.add_argument("scene", help="scene file (.toml)")
-    parser.add_argument("--speed", type=float, help="[m/s] of the ski")
-    parser.add_argument("--radius", type=float, help="[m] of its turn, positive to the left")
+    parser.add_argument("--speed", type=float, help="[m/s] speed of the ski")
+    parser.add_argument("--radius", type=float, help="[m] radius of its turn, positive to the left")
+    parser.add_argument("--hold", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="other quantities to hold")
     parser.add_argument("--mode", type=int, metavar="K", help="show mode K of those listed, the first 0, in the browser")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the page of that mode instead")
     parser.add_argument("--png", type=Path, metavar="FILE", help="write a still: the steady posture and both ends of the mode")
-    parser.add_argument("--hold", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="any other quantity")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from vlmb.scene.scene import load_scene
 from vlmb.studies.sampling import METHODS, sample
 from vlmb.studies.sweep import sweep
 
-WHAT = "simulate a scene many times; write a table of what is kept"
+WHAT = "simulate a scene many times and write a table of results"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,27 +24,27 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="scene file (.toml)")
     parser.add_argument(
         "--vary", action="append", default=[], metavar="KEY=VALUES", required=True,
-        help="LOW:HIGH:COUNT or A,B,C at a key path, e.g. links.legs.lower.stiffness=8e3:16e3:9; with --sample LOW:HIGH",
+        help="values of a key: LOW:HIGH:COUNT or A,B,C, e.g. links.legs.lower.stiffness=8e3:16e3:9; with --sample LOW:HIGH",
     )  # fmt: skip
     parser.add_argument(
         "--keep", nargs="+", action="extend", default=[], metavar="NAME:REDUCTION",
         help="last, first, min, max, absmax, mean or rms of a quantity, e.g. psi1:last knife_edge:absmax",
     )  # fmt: skip
-    parser.add_argument("--histories", nargs="+", default=[], metavar="NAME", help="quantities whose samples are kept")
-    parser.add_argument("--sample", choices=METHODS, help="runs spread over the ranges, no grid")
-    parser.add_argument("--runs", type=int, default=256, help="of --sample (default: 256)")
-    parser.add_argument("--seed", type=int, default=0, help="of --sample (default: 0)")
+    parser.add_argument("--histories", nargs="+", default=[], metavar="NAME", help="quantities whose samples over time are kept")
+    parser.add_argument("--sample", choices=METHODS, help="spread the runs over the ranges instead of a grid")
+    parser.add_argument("--runs", type=int, default=256, help="number of runs with --sample (default: 256)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of --sample (default: 0)")
     parser.add_argument("-o", "--output", type=Path, default=None, help="folder (default: results/NAME_sweep)")
     parser.add_argument("--workers", type=int, help="threads (default: the processors of this machine)")
     parser.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, e.g. tcp://10.0.0.1:8786")
-    parser.add_argument("--resume", action="store_true", help="go on with the study in the folder")
+    parser.add_argument("--resume", action="store_true", help="continue the study in the output folder")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; return its exit code."""
     if args.workers is not None and args.workers < 1:
-        raise VlmbError(f"--workers {args.workers}: must be 1 at least")
+        raise VlmbError(f"--workers {args.workers}: must be at least 1")
     scene, pairs = load_scene(args.scene), [_pair(text) for text in args.vary]
     vary: Any = {key: _values(key, text) for key, text in pairs}
     if args.sample:
@@ -73,11 +73,14 @@ def execute(args: argparse.Namespace) -> int:
             known = values[np.isfinite(values)]
             shown = f"{known.min():.6g} to {known.max():.6g}, mean {known.mean():.6g}" if known.size else "not known in any run"
             print(f"  {name:<24s} {shown}")
+    failed = table["message"].values[table["status"].values == "failed"]
+    if failed.size:
+        print(f"  {'failed':<24s} {counted(failed.size, 'run')}, the first: {failed.flat[0]}")
     doubtful = int((table["doubts"].values != "").sum())
     if doubtful:
         print(f"  DOUBTFUL                 {counted(doubtful, 'run')}: see `doubts` in the table")
     print(f"wrote {output / 'table.nc'}")
-    return 0
+    return int(failed.size == table["status"].size)
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -122,4 +125,4 @@ def _client(address: str) -> Any:
     try:
         return distributed.Client(address, timeout="10s")
     except OSError as error:
-        raise StudyError(f"--dask {address}: no scheduler answers there: {error}") from None
+        raise StudyError(f"--dask {address}: no scheduler answers at this address: {error}") from None

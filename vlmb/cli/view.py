@@ -18,30 +18,30 @@ from vlmb.views.sceneries import of_trajectory
 from vlmb.views.stills import animation, frames, save_still
 from vlmb.views.visual_model import Scenery
 
-WHAT = "show a scene or play a run in the browser, or write it as html, pictures or a gif"
+WHAT = "show a scene or play a run in the browser, or write it as a page, pictures or a film"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Describe what the command takes."""
-    parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file or model: its start; stored run (.npz): its motion")
+    parser.add_argument("what", metavar="SCENE|RUN.npz", help="scene file or model: shows its start; stored run (.npz): plays it")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write one self-contained page instead of opening a browser")
     parser.add_argument("--png", type=Path, metavar="FILE", help="write a still")
-    parser.add_argument("--time", type=float, metavar="T", help="[s] of the still (default: the end)")
-    parser.add_argument("--ghosts", type=int, default=0, metavar="N", help="earlier postures in the still, paler")
+    parser.add_argument("--time", type=float, metavar="T", help="[s] time of the still (default: the end)")
+    parser.add_argument("--ghosts", type=int, default=0, metavar="N", help="number of earlier, paler postures in the still")
     parser.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
     parser.add_argument("--mp4", type=Path, metavar="FILE", help="write a film; needs the extra `film`")
-    parser.add_argument("--frames", type=Path, metavar="DIR", help="write one PNG a frame, for a film")
+    parser.add_argument("--frames", type=Path, metavar="DIR", help="write one PNG per frame")
     parser.add_argument("--size", type=int, nargs=2, metavar=("W", "H"), help="[pixels] of stills, frames and films")
-    parser.add_argument("--fps", type=float, help="frames a second (default: page 60, frames and MP4 30, GIF 20)")
-    parser.add_argument("--speed", type=float, default=1.0, help="times real time (default: 1)")
-    parser.add_argument("--azimuth", type=float, metavar="DEG", help="of the camera of pictures and films, from the fall line")
-    parser.add_argument("--elevation", type=float, metavar="DEG", help="of the camera above the surface")
-    parser.add_argument("--zoom", type=float, default=1.0, help="of the camera's lens (default: 1)")
-    parser.add_argument("--side", action="store_true", help="the camera on the right of the way")
-    parser.add_argument("--follow", action=argparse.BooleanOptionalAction, help="the camera goes along (default: in films)")
-    parser.add_argument("--arrows", action="store_true", help="draw gravity, the edge force, forces and impulses of contacts")
-    parser.add_argument("--no-browser", action="store_true", help="serve the page, and open it yourself")
-    parser.add_argument("--port", type=int, default=0, help="of the page on this machine (default: any free one)")
+    parser.add_argument("--fps", type=float, help="frames per second (default: page 60, frames and MP4 30, GIF 20)")
+    parser.add_argument("--speed", type=float, default=1.0, help="multiple of real time (default: 1)")
+    parser.add_argument("--azimuth", type=float, metavar="DEG", help="of the camera in pictures and films, from the fall line")
+    parser.add_argument("--elevation", type=float, metavar="DEG", help="elevation of the camera above the surface")
+    parser.add_argument("--zoom", type=float, default=1.0, help="zoom of the camera's lens (default: 1)")
+    parser.add_argument("--side", action="store_true", help="look from the right of the direction of travel")
+    parser.add_argument("--follow", action=argparse.BooleanOptionalAction, help="move the camera along (default: in films)")
+    parser.add_argument("--arrows", action="store_true", help="draw gravity, the edge force, and forces and impulses of contacts")
+    parser.add_argument("--no-browser", action="store_true", help="serve the page without opening a browser")
+    parser.add_argument("--port", type=int, default=0, help="port of the page on this machine (default: any free one)")
 
 
 def execute(args: argparse.Namespace) -> int:

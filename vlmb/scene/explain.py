@@ -39,6 +39,16 @@ NEEDED = {  # how a key that every table of its kind needs is written
     "base.kind": BASE_HINT,
     "programme.constraints": 'constraints = ["psi1 = 1.4"]',
     "programme.controls": 'controls = ["M_psi1"]',
+    "contacts.point": 'point = "legs.tip"',
+    "legs.from": 'from = "base", or a point such as "trunk.hinge"',
+    "events.name": 'name = "low"',
+    "events.when": 'when = "legs.tip.z = 0.8"',
+    "springs.between": 'between = ["legs.tip", [0.0, 0.0, 1.5]]',
+    "data.name": 'name = "mocap"',
+    "data.columns": 'columns = {knee = {from = "knee_length", unit = "mm"}}',
+    "robots.urdf": 'urdf = "ur_description/urdf/ur5_robot.urdf"',
+    "welds.frames": 'frames = ["talos.left_foot", "ski"]',
+    "edges.frame": 'frame = "talos.left_foot"',
 }
 FOREIGN = {  # what other programs call a key
     "dt": "step", "timestep": "step", "time_step": "step", "tol": "rtol", "tolerance": "rtol", "solver": "method",
@@ -46,6 +56,7 @@ FOREIGN = {  # what other programs call a key
     "spring": "stiffness", "c": "damping", "damper": "damping", "l0": "rest", "rest_length": "rest", "m": "mass", "l": "length",
     "initial": "start", "angle": "slope", "type": "kind", "expression": "law", "value": "law",
 }  # fmt: skip
+LISTS = ("links", "forces", "springs", "data", "contacts", "legs", "events", "robots", "welds", "edges", "programmes")
 WORDS = {"object": "table", "array": "list", "str": "text", "int": "number", "float": "number", "bool": "true or false"}
 
 
@@ -92,7 +103,9 @@ def _advice(path: str, text: str) -> str:
         return " [m/s^2]: it acts downwards; a slope tilts it"
     if path == "base":
         return f"; write {BASE_HINT}"
-    if text == "Expected list, got table" and path in ("links", "forces", "springs", "data"):
+    if path == "programme" and text == "Expected table, got list":
+        return '; write [programme] with constraints = ["psi1 = 1.4"] and controls = ["M_psi1"]'
+    if text == "Expected list, got table" and path in LISTS:
         return f"; each begins with [[{path}]], with two brackets on each side"
     return ""
 

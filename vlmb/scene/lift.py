@@ -16,7 +16,7 @@ def check_lift(scene: SceneTables, refuse: Callable[[str, str], None]) -> None:
     base = scene.base
     if not base.lift:
         if base.hold is not None or base.skid is not None:
-            refuse("base", "hold and skid need lift = true: what the edge holds goes by the normal force, which may end")
+            refuse("base", "hold and skid need lift = true: they are multiples of the normal force")
         return
     if base.skid is not None and base.hold is None:
         refuse("base.skid", "it is the ratio while the edge skids, and without hold it never does; give hold, too")

@@ -145,7 +145,7 @@ def _taken(column: dict[str, Any], read: Recording, key: str, file: str) -> dict
 def _unit(name: str, key: str) -> tuple[str, float, float]:
     spelled = SPELLED.get(name, name)
     if spelled not in UNITS:
-        raise SceneError(f"{key}.unit = {name!r:.40}: no unit that is known; {nearest(name, [unit for unit in UNITS if unit])}")
+        raise SceneError(f"{key}.unit = {name!r:.40}: unknown unit; {nearest(name, [unit for unit in UNITS if unit])}")
     return UNITS[spelled]
 
 

@@ -23,7 +23,7 @@ from vlmb.simulation.phases import Event, Stretch, Turn
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, TURNING, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -143,9 +143,21 @@ class PhasedRun(LegSteps):
         """Begin a phase."""
         mover = self._next(out.footings, told)
         breaks = [at for at in self.breaks if at > self.t]
-        loop = Loop(mover, self.options, out.y, times, breaks, self.t, self.bounds, self.tell, self.longest)
+        goes = (self.t, self.bounds, self.tell, self.longest)
+        loop = Loop(mover, self.options, out.y, times, breaks, *goes, slides_on=self._slides_on)
         self.begun, self.mover = (mover, loop, out.footings), mover
         return mover, loop
+
+    def _slides_on(self, c: int, t: float, y: Array) -> bool:
+        """Whether a sliding contact that is at a right angle to its last direction at (t, y) has a speed there."""
+        point = self.points[c]
+        if self.plane or point.edge is not None or self.begun is None:
+            return False
+        mover, _, footings = self.begun
+        jet = mover.look_at_contacts(t, y).jets[c]
+        frame, _ = point.frame(t, jet[:3, 0], self.plane, footings[c])
+        across = frame[:-1] @ (jet[:3, 1] - np.array(point.contact.surface_velocity))
+        return bool(np.linalg.norm(across) > TURNING)
 
     def _next(self, footings: tuple[Footing, ...], told: bool) -> Engine:
         """Return the engine of the next phase; it goes on from the last one where nothing was told."""

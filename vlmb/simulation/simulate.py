@@ -116,8 +116,8 @@ def simulate(
         if not isinstance(mechanism, Mechanism):
             from vlmb.simulation.robot_run import simulate_robots
 
-            asked, _, expression = read_until(mechanism, until)
-            return simulate_robots(mechanism, run, times, control, start, t0, progress, asked, expression)
+            asked, named, expression = read_until(mechanism, until)
+            return simulate_robots(mechanism, run, times, control, start, t0, progress, asked, expression, named)
         return _simulated(mechanism, run, times, control, start, t0, progress, watch, until)
 
 

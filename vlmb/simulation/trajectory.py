@@ -311,7 +311,12 @@ class Trajectory(Remade, Displayed):
         return energies_along(self.system, self._motion, self.work_by_force, self.stretches)
 
     def save(self, path: str | Path) -> Path:
-        """Write the trajectory with its scene, options and versions; `load_trajectory` reads it, `vlmb run` replays it."""
+        """Write an npz file of the trajectory with its scene, options and versions.
+
+        `load_trajectory` reads it, `vlmb run` replays it. Raises TrajectoryError for the ending of another format.
+        """
+        if Path(path).suffix in (".csv", ".nc", ".sto"):
+            raise TrajectoryError(f"{path}: save writes npz files; save_csv and `vlmb convert run.npz {path}` write tables")
         note = {
             "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,
             "repairs": self.adjustments, "stats": self.stats, "versions": self.versions, "asked_names": self.input_names,

@@ -31,9 +31,12 @@ def read_until(mechanism: Mechanism | RobotMechanism, until: str | None) -> tupl
     if words is None:
         if until.strip() in (event.name for event in mechanism.scene.events):
             return "", until.strip(), None
-        if not isinstance(mechanism, Mechanism):
-            return "", "", parse(until, "until", mechanism.allowed)
-        names = allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
+        names = (
+            allowed_names(mechanism.names, mechanism.scene.parameters, mechanism.signals)
+            if isinstance(mechanism, Mechanism) else mechanism.allowed
+        )  # fmt: skip
+        if re.fullmatch(r"\s*[A-Za-z]\w*\s*", until) and until.strip() not in names:
+            raise SceneError(f"until = {until!r:.80}: {_what_it_takes(mechanism)}")
         return "", "", parse(until, "until", names)
     kind, name = words[1], words[2]
     stops = stop_points(mechanism) if isinstance(mechanism, Mechanism) else ()
@@ -44,3 +47,11 @@ def read_until(mechanism: Mechanism | RobotMechanism, until: str | None) -> tupl
         what = "contact or leg" if mechanism.scene.legs else "contact"
         raise SceneError(f"until = {until!r:.80}: no {what} {name!r:.80}; {nearest(name, contacts)}")
     return f"{kind} {name}", "", None
+
+
+def _what_it_takes(mechanism: Mechanism | RobotMechanism) -> str:
+    """Say what ends a run in this scene."""
+    named = [event.name for event in mechanism.scene.events]
+    contacts = [f"{kind} {name}" for name in mechanism.scene.closing for kind in KINDS[:2]]
+    events = f"events are {', '.join([*named, *contacts][:12])}" if named or contacts else "this scene has no events"
+    return f"no event or quantity of this name; {events}; an expression ends the run where it falls through 0, such as 'z_dot'"

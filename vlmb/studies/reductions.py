@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, VlmbError, nearest
+from vlmb.errors import SceneError, VlmbError
 from vlmb.scene.names import ENERGIES
 from vlmb.simulation.trajectory import Trajectory
 
@@ -79,7 +79,7 @@ def _one(name: str, what: Any) -> Kept:
     if not quantity:
         raise SceneError(f"keep: {name} = {what!r}: say how it is reduced, such as '{what}:last'; one of {', '.join(REDUCTIONS)}")
     if reduction not in REDUCTIONS:
-        raise SceneError(f"keep: {name} = {what!r}: no such reduction {reduction!r}; {nearest(reduction, REDUCTIONS)}")
+        raise SceneError(f"keep: {name} = {what!r}: no such reduction {reduction!r}; allowed: {', '.join(REDUCTIONS)}")
     return Kept(name, quantity, reduction)
 
 
@@ -120,7 +120,8 @@ def require_known(kept: Sequence[Kept], histories: Sequence[str], names: Any, ot
             continue
         also = [*others()]
         if name.removeprefix(ERROR).removeprefix(ERROR_RATE) not in also:
-            raise SceneError(f"keep: this scene has no {name!r:.80}; {names.hint(name)}; or {', '.join(also) or 'nothing else'}")
+            others_too = f"; or {', '.join(also)}" if also else ""
+            raise SceneError(f"keep: this scene has no {name!r:.80}; {names.hint(name)}{others_too}")
 
 
 def reduced(reduction: str, t: Array, values: Array) -> float:

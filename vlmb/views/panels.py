@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vlmb.model.layout import Coordinate
 from vlmb.simulation.trajectory import Trajectory
-from vlmb.views.style import Series, align, draw, finish, legend_beside, new_figure, reveal
+from vlmb.views.style import Series, align, draw, finish, label_size, legend_beside, new_figure, reveal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,10 +29,11 @@ def stacked(
     listed = max(sum(line.label.count("\n") + 1 for line in lines) for _, lines in panels) if legends_above else 0
     figure = new_figure(runs, 9.0, 1.0 + 0.08 * listed + 1.9 * (sum(heights) if heights else len(panels)), title)
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    for ax, (name, lines) in zip(axes, panels, strict=True):
+    shares = [height / sum(heights) for height in heights] if heights else [1.0 / len(panels)] * len(panels)
+    for ax, (name, lines), share in zip(axes, panels, shares, strict=True):
         links = None if by_link else 1 + max((line.link for line in lines), default=0)
         draw(ax, runs, lines, links=links, by_run=all(len(entries) == 1 for _, entries in panels))
-        ax.set_ylabel(name)
+        ax.set_ylabel(name, fontsize=label_size(name, share * (figure.get_figheight() - 1.0 - 0.08 * listed)))
         if name.startswith(tuple(zero_line)) and zero_line:
             ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.5, label="_")
         if len(runs) == 1 and not legends_above:

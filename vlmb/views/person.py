@@ -67,7 +67,7 @@ def person_of(mechanism: Mechanism, seen: Postures, rotations: Array) -> Person 
     """Find the person in a mechanism; None where no link is a leg or a trunk."""
     links, order = mechanism.scene.links, mechanism.layout.order
     looks = {i: look for i in order if (look := look_of(links[i].name)).part}
-    if not any(look.part in ("legs", "limb", "trunk") for look in looks.values()):
+    if not any(look.part in ("body", "legs", "limb", "trunk") for look in looks.values()):
         return None
     mass = sum(links[i].rod.mass + links[i].tip_mass for i in looks)
     standing = [i for i in looks if looks[i].part in ("legs", "limb")]
@@ -190,6 +190,21 @@ def _trunk(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part
     return Part(rod, waist, above, mass, colour, clothes)
 
 
+def _whole(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
+    """Draw a person on one link: legs along its lower segment where that has a length, trunk, head and arms along its rod."""
+    link, b = mechanism.scene.links[i], person.scale
+    trunk, hips, strut = min(link.rod.length, 0.56 * b), seen.distance(i, "rod_start"), shapes.bellows(0.028 * b)
+    pelvis = shapes.ellipsoid(0.1 * b, 1.35, 0.95)
+    clothes = (_worn("rod", "pelvis", pelvis, appearance.TROUSERS), *_head("rod", b, trunk + 0.17 * b))
+    clothes += _own_arms("rod", b, trunk - 0.06 * b)
+    if hips.max() > 0.3 * b:
+        clothes += _bent(link, hips, b, True)
+    if mechanism.layout.base == "ski" and mechanism.layout.links[i].parent < 0:
+        clothes += (_boots(b, True, np.asarray(mechanism.layout.links[i].anchor)),)
+    rod = shapes.torso(trunk, TRUNK * b, WIDE, DEEP) if trunk > 0.0 else None
+    return Part(rod, strut, strut, shapes.ball(NECK * b) if link.tip_mass else None, appearance.SKIN, clothes)
+
+
 def _neck(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
     link, b = mechanism.scene.links[i], person.scale
     rod = shapes.limb(link.rod.length, NECK * b) if link.rod.length > 0.0 else None
@@ -223,7 +238,7 @@ def _arm(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part |
     return Part(thin, tube, tube, shapes.ball(0.03 * b) if link.tip_mass else None, appearance.SLEEVES, tuple(clothes))
 
 
-MAKERS = {"legs": _legs, "limb": _limb, "trunk": _trunk, "neck": _neck, "head": _skull, "arm": _arm}
+MAKERS = {"body": _whole, "legs": _legs, "limb": _limb, "trunk": _trunk, "neck": _neck, "head": _skull, "arm": _arm}
 
 
 def _head(on: str, b: float, height: float) -> tuple[Worn, ...]:

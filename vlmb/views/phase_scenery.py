@@ -21,6 +21,7 @@ PRINTS = 200  # footprints that are drawn, the last ones
 SHOWN = 0.15  # [s] for which an impulse is seen
 TOLD = 2000  # events that a page tells
 LARGEST = 3.0  # weights, of the longest arrow of a force
+VERBS = {"touch": "touches", "bounce": "bounces", "open": "opens", "slip": "slips", "stick": "sticks"}  # of a contact in a page
 TINY = 1e-4  # scale of what is not to be seen
 
 
@@ -87,7 +88,8 @@ def told_events(run: Trajectory) -> list[tuple[float, str]]:
     found = []
     for event in run.events[:TOLD]:
         pushed = [float(np.linalg.norm(p)) for p in event.impulses.values()]
-        words = f"{event.kind} {event.name}" + (f", {max(pushed):.3g} N s" if pushed else "")
+        words = f"{event.name} {VERBS[event.kind]}" if event.kind in VERBS else event.name or event.kind
+        words += f", {max(pushed):.3g} N s" if pushed else ""
         found.append((event.t, words))
     return found
 

@@ -221,7 +221,9 @@ def save_all(
     if any(not isinstance(run.mechanism, Mechanism) for run in runs):
         from vlmb.views.robot_plots import save_robot_plots
 
-        return [path for run in runs for path in save_robot_plots(run, folder)]
+        if len(runs) > 1:
+            raise VlmbError("figures of robots show one run: plot each run by itself, into a folder of its own")
+        return save_robot_plots(runs[0], folder, only, dark)
     wanted = list(PLOTS) if only is None else list(dict.fromkeys(only))
     for name in wanted:
         if name not in PLOTS:

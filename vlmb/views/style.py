@@ -255,6 +255,12 @@ def align(axes: Iterable[Axes]) -> None:
         ax.yaxis.set_label_coords(0.0, 0.5, transform=away)
 
 
+def label_size(label: str, room: float) -> float:
+    """Return the size [pt] at which the longest line of a label fits beside a panel of some height [in]."""
+    longest = max(map(len, label.split("\n")))
+    return max(6.5, min(10.0, 10.0 * 0.9 * room / (0.078 * longest)))
+
+
 def legend_beside(ax: Axes, above: bool = False, of: Axes | None = None) -> None:
     """Put a legend (of another panel's lines) to the right of a panel, or above it; none for one line, or for too many."""
     entries = {_label(line): line for line in reversed((of or ax).lines) if _label(line)[0] != "_"}
