@@ -35,6 +35,7 @@ def once():
 NEW_EVALUATION = STATE + """
 import numba
 from vlmb.core.evaluation import evaluate
+from vlmb.core.jit import OPTIONS
 from vlmb.system.engines import make_engine
 from vlmb.system.system import make_system
 system = make_system(mechanism, **({{"knife_edge": form}} if form else {{}}))
@@ -42,7 +43,7 @@ engine = make_engine(system, near, engine="core")
 y = engine.pack(vlmb.State(q, v))
 dy = np.zeros(len(y))
 plant, memory = engine.plan.plant, engine.memory
-@numba.njit
+@numba.njit(**OPTIONS)
 def loop(plant, memory, y, dy):
     bad = 0
     for _ in range({count}):

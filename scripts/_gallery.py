@@ -46,6 +46,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "chaplygin_sleigh": {"time": 3.0, "ghosts": 6},
     "skate_on_slope": {"ghosts": 12},
     "skate_lets_go": {"ghosts": 12},
+    "skier_skids": {"time": 8.4, "ghosts": 8, "since": 7.2},
     "ski_jump": {"time": 1.62, "ghosts": 5, "since": 0.95},
 }
 SMALL, QUALITY = (480, 300), 88  # of the pictures of the documentation

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.integrate import simpson
 
 import vlmb
 from tests.robots.scenes import TALOS
@@ -199,3 +200,67 @@ def test_a_programme_and_a_force_act_while_a_foot_is_down() -> None:
     down = np.flatnonzero(trajectory.reactions["left_toe_in"][:, 2] > 0.0)
     assert (trajectory.controls["R_biped.torso.z"][down] == -20.0).all() and trajectory.controls["T_left_leg"][down].any()
     assert np.abs(trajectory["balance"]).max() < 1e-7
+
+
+POGO = """<robot name="pogo"><link name="rail"/><link name="torso"><inertial><mass value="20"/>
+<inertia ixx="0.5" iyy="0.4" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="foot"><inertial><mass value="2"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="height" type="prismatic"><parent link="rail"/><child link="torso"/><axis xyz="0 0 1"/>
+<limit lower="-9" upper="9" effort="0" velocity="99"/></joint>
+<joint name="leg" type="prismatic"><parent link="torso"/><child link="foot"/><origin xyz="0 0 -0.5"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="9000" velocity="99"/></joint></robot>"""
+
+
+def pogo(**changes: Any) -> dict[str, Any]:
+    """A mass on a leg, both on a vertical rail: it holds the leg in the air, and kicks by the time since it landed."""
+    shared = {"controls": ["T_leg"], "frequency": 30.0}
+    programmes = [
+        {**shared, "constraints": ["air: leg = 0"], "open": ["foot"]},
+        {**shared, "constraints": ["kick: leg = 0.1*cos(25*phase_t) - 0.1"], "closed": ["foot"]},
+    ]  # fmt: skip
+    return {
+        "base": {"kind": "pivot"}, "robots": [{"name": "pogo", "urdf": POGO, "posture": {"height": 0.8}}],
+        "contacts": [{"name": "foot", "point": "pogo.foot"}], "programmes": programmes,
+        "events": [{"name": "apex", "when": "height_dot = 0", "direction": "down"}],
+        "start": {"leg": 0.02}, "run": {"duration": 1.2, "samples": 500, **EXACT}, **changes,
+    }  # fmt: skip
+
+
+def test_programmes_and_events_of_phases() -> None:
+    trajectory = run(pogo())
+    assert trajectory.status == "finished", trajectory.message
+    t, weight = trajectory.t, 22.0 * 9.81
+    contacts = [event for event in trajectory.events if event.kind != "event"]
+    assert [event.kind for event in contacts[:3]] == ["touch", "open", "touch"]
+    (touch, lift, again), apexes = (event.t for event in contacts[:3]), [e.t for e in trajectory.events if e.name == "apex"]
+    # each error decays as the programme says, e'' + 2*30 e' + 900 e = 0, from what it is where a phase begins
+    for name, begin, end in (("air", 0.0, touch), ("kick", touch, lift), ("air", lift, again)):
+        own = np.flatnonzero((t > begin + 1e-9) & (t < end - 1e-9))
+        error, rate = trajectory.residuals[name].position[own], trajectory.residuals[name].velocity[own]
+        since, grown = t[own] - t[own[0]], rate[0] + 30.0 * error[0]
+        assert np.abs(error - (error[0] + grown * since) * np.exp(-30.0 * since)).max() < 1e-7
+        other = trajectory.residuals["kick" if name == "air" else "air"].position[own]
+        assert np.isnan(other).all()  # rows are none while their programme does not act
+    stands = np.flatnonzero((t > touch + 1e-9) & (t < lift - 1e-9))
+    impulse = simpson(trajectory.reactions["foot"][stands, 2] - weight, x=t[stands])
+    assert impulse == pytest.approx(22.0 * np.ptp(trajectory["com.z_dot"][stands][[0, -1]]), rel=1e-4)
+    # in the air the whole falls freely: from lift-off to the apex of its centre of mass, and the torso's is told as an event
+    flown = np.flatnonzero((t > lift + 1e-9) & (t < again - 1e-9))
+    fall = trajectory["com.z_dot"][flown] + 9.81 * t[flown]
+    assert np.ptp(fall) < 1e-7
+    assert len(apexes) == 1 and lift < apexes[0] < again
+    assert np.abs(trajectory["balance"]).max() < 1e-6
+    stopped = run(pogo(), until="apex")
+    assert stopped.status == "stopped" and stopped.t[-1] == pytest.approx(apexes[0], abs=1e-9)
+    assert abs(stopped["height_dot"][-1]) < 1e-8
+
+
+def test_programmes_of_phases_that_are_wrong() -> None:
+    one, two = pogo()["programmes"]
+    for programmes, said in (
+        ([one, {**two, "controls": ["T_knee"]}], "T_knee"),
+        ([one, {**two, "controls": []}], "controls"),
+        ([one, {**two, "closed": [], "constraints": one["constraints"]}], "act at once"),
+    ):
+        with pytest.raises(vlmb.VlmbError, match=said):
+            vlmb.check(pogo(programmes=programmes))

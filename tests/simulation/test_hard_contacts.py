@@ -131,3 +131,27 @@ def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine):
         on_pivot, on_foot = found
         assert on_foot[3:] == pytest.approx(on_pivot, abs=1e-14 * np.abs(on_pivot).max())
         assert np.abs(on_foot[:3]).max() < 1e-13 * np.abs(on_pivot).max()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("lift", "leaves"), [
+    ("9.81 - 20*((x - 0.5)**2 - 1e-4)", 0.49), ("9.81 - 1.5*(exp(x - 0.6) + exp(0.6 - x) - 2) + 1.5e-4", 0.59),
+    ("9.81 - 4*(1 - sin(2*x)) + 2e-5", 0.25 * np.pi - np.sqrt(2.5e-6)),
+])  # fmt: skip
+def test_point_that_would_be_pulled_for_a_moment_within_a_step_leaves_there(engine, lift, leaves):
+    """No other force changes: steps are as long as they may be, and the normal force dips below 0 between their ends."""
+    scene = mass({"friction": 0.0}, {"z": 0.0, "x_dot": 1.0}, [{"at": "com", "force": [0, 0, lift]}])
+    run = vlmb.simulate(scene, engine=engine, duration=leaves + 0.05)
+    assert run.events[0].kind == "open" and run.events[0].t == pytest.approx(leaves, abs=1e-6) and run["z"].max() > 0.0
+
+
+@pytest.mark.parametrize(("engine", "method"), [("core", "dop853"), ("core", "adams"), ("pinocchio", "dop853")])
+@pytest.mark.parametrize(("speed", "angle"), [(1e-4, -1.2), (3e-3, -1.5), (1e-3, 1.4)])
+def test_point_that_a_force_across_turns_at_once_slides_on(engine, method, speed, angle):
+    """With friction mu g = f/2 along, a force f across keeps v_x (|v| + v_y): d ln v / d theta = tan - sec/2."""
+    contact, force = {"friction": 0.25}, {"at": "com", "force": [0, 0.5 * G, 0]}
+    start = {"z": 0.0, "x_dot": speed * np.cos(angle), "y_dot": speed * np.sin(angle)}
+    run = vlmb.simulate(mass(contact, start, [force], 0.05, plane=False), engine=engine, method=method)
+    kept = run["x_dot"] * (np.hypot(run["x_dot"], run["y_dot"]) + run["y_dot"])
+    assert run.status == "finished" and not run.events and run["y_dot"][-1] > 0.1
+    np.testing.assert_allclose(kept, kept[0], rtol=2e-4)

@@ -116,6 +116,19 @@ def test_near_its_rest_it_turns_back_or_passes_twice_or_says_so(share: float, en
     assert trajectory.status == "finished" or abs(share - 1.0) < 0.002
 
 
+@pytest.mark.parametrize(("engine", "method"), [("core", "dop853"), ("core", "adams"), ("core", "radau"), ("pinocchio", "adams")])
+@pytest.mark.parametrize(("angle", "rate"), [(0.0, 0.01), (math.pi, 0.5), (0.0, -2.0)])
+def test_a_start_in_line_leaves_on_the_branch_of_its_rates(angle: float, rate: float, engine: str, method: str) -> None:
+    """The first two turn back soon after, and pass the line-up again; all do after a swing."""
+    if not COMPILED and engine == "pinocchio":
+        pytest.skip("too slow in plain Python")
+    scene = windows(1, rate, angle, engine=engine)
+    scene["start"] |= {"psi2_dot": 0.0, "psi3_dot": rate}
+    trajectory = vlmb.simulate(scene, 1.5 if COMPILED else 0.1, method, rtol=1e-9, atol=1e-10)
+    assert trajectory.status == "finished", trajectory.message
+    assert off(trajectory, pendulum(1, rate, angle, 1.5)) < 1e-7
+
+
 def test_a_limit_met_while_passing_ends_the_run_there() -> None:
     scene = windows(1)
     scene["links"].append({"name": "slide", "parent": "p0", "rod": {"length": 0.2, "mass": 1e-9},

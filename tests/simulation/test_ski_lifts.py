@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,3 +194,28 @@ def test_what_a_ski_in_the_air_cannot_take_is_named():
         vlmb.Scene.from_dict({"base": {"kind": "free", "mass": 1.0, "lift": True}})
     with pytest.raises(vlmb.SceneError, match="under the surface of contact 'ski'"):
         vlmb.simulate(ski({"z": -0.1}))
+
+
+def test_an_edge_lets_go_where_the_ideal_one_asks_for_more():
+    scene = vlmb.load_scene(Path(__file__).resolve().parents[2] / "models" / "skier_skids.toml")
+    slips = vlmb.simulate(scene, duration=8.3)
+    slip, data = slips.events[0], scene.to_dict()
+    for key in ("lift", "hold", "skid"):
+        del data["base"][key]
+    data |= {"programme": {**data["programme"], "closed": []}, "expect": {}}
+    run = vlmb.simulate(data, duration=8.3, t_eval=[slip.t - 1e-3, slip.t, slip.t + 1e-3])
+    before, at, after = np.abs(run.reactions["knife_edge"]) / run.reactions["normal"]
+    assert slip.kind == "slip" and at == pytest.approx(0.65, abs=1e-7) and before < at < after
+
+
+@pytest.mark.parametrize("start", [{"speed": 7.0}, {}, {"x_dot": 5.0, "y_dot": 4.0}])
+def test_a_start_keeps_a_ski_on_the_snow_along_itself(start):
+    rows = {"constraints": ["tan(phi0) = 0.4 - 0.1*y"], "controls": ["M_phi0"], "closed": ["ski"], "frequency": 5.0}
+    begun = vlmb.check(ski({"phi0": 0.4, **start}, programme=rows))
+    across = begun.start.rates["y_dot"] * np.cos(0.4) - begun.start.rates["x_dot"] * np.sin(0.4)
+    along = begun.start.rates["x_dot"] * np.cos(0.4) + begun.start.rates["y_dot"] * np.sin(0.4)
+    assert begun.start.coordinates["z"] == begun.start.rates["z_dot"] == 0.0
+    if "x_dot" in start:
+        assert (begun.start.rates["x_dot"], begun.start.rates["y_dot"]) == (5.0, 4.0)
+    else:
+        assert abs(across) < 1e-12 and along == pytest.approx(start.get("speed", 0.0), abs=1e-12)

@@ -77,6 +77,14 @@ def test_runs_that_share_a_system_are_the_single_runs(model: str) -> None:
         np.testing.assert_array_equal(shared.reactions[name], alone.reactions[name])
 
 
+def test_histories_through_impacts_stand_at_their_times() -> None:
+    ball = vlmb.load_scene(MODELS / "bouncing_ball.toml").changed(run={"duration": 1.0, "samples": 10.0})
+    found = vlmb.sweep(ball, {"start.z": [0.9, 1.0]}, histories=["z"], workers=1).sel({"start.z": 1.0})
+    t, landed = found["t"].values, np.sqrt(2.0 / 9.81)
+    up = 0.8 * np.sqrt(2.0 * 9.81) * (t - landed) - 4.905 * (t - landed) ** 2
+    np.testing.assert_allclose(found["z"].values, np.where(t < landed, 1.0 - 4.905 * t * t, up), atol=1e-8)
+
+
 def test_threads_processes_and_one_thread_give_the_same(scene: vlmb.Scene) -> None:
     table = vlmb.sample("latin", {STIFFNESS: (250.0, 350.0), "start.phi1_dot": (2.0, 3.0)}, runs=24, seed=3)
     keep = {"last": "psi1:last", "rms": "xi1_1:rms", "lean": lean}

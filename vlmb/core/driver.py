@@ -20,7 +20,7 @@ Integers = NDArray[np.int64]
 # What `march` answers with. Negative: it cannot go on.
 DONE = 0  # `end` is reached: TIME, `point` and `slope` hold t, y and f there
 EVALUATE = 1  # wants f(TIME, `point`) in `slope`; a trial that has no answer: a code other than 0 in FAILURE
-INDICATE = 2  # wants the indicators and their rates at (TIME, `point`), where f is `slope`, in their rows VALUE and RATE
+INDICATE = 2  # wants the indicators and their rates (or nan) at (TIME, `point`), where f is `slope`, in rows VALUE and RATE
 CROSSING = 3  # those with HIT may have crossed 0 between TIME_BEFORE and TIME: GO_ON or STOP in ANSWER, the time in STOP_TIME
 SLICE = 4  # the evaluations of a slice are used up: look at signals and call again
 STOPPED = 5  # by the indicator with HIT: TIME and `point` hold t and y there
@@ -64,8 +64,9 @@ Y, F, Y_NEW, F_NEW, OWN = range(5)
 
 # Rows of `indicators`: from the caller
 VALUE, RATE, DIRECTION, ZERO, ZERO_RATE = range(5)  # ZERO: a start this near to 0 is on it, and stops if it goes below
-# of the march: values and rates at the start of the step, the side of 0 (-1, 0 if open, 1) it counts as being on, and suspects
-VALUE_BEFORE, RATE_BEFORE, SIDE, HIT = range(5, 9)
+# of the march: values and rates at the start of the step, the side of 0 (-1, 0 if open, 1) it counts as being on, suspects, and
+# values at the start of the step before
+VALUE_BEFORE, RATE_BEFORE, SIDE, HIT, VALUE_EARLIER = range(5, 10)
 
 TABLE_WIDTH = 16
 
@@ -81,7 +82,7 @@ class Driver(NamedTuple):
     slope: Array  # (n,) f of its answer
     times: Array  # (N,) ascending [s]
     samples: Array  # (N, n) y at `times`, as far as NEXT_SAMPLE
-    indicators: Array  # (9, m)
+    indicators: Array  # (10, m)
 
 
 def make_driver(
@@ -118,7 +119,7 @@ def make_driver(
         slope=np.zeros(size),
         times=wanted,
         samples=np.zeros((len(wanted), size)),
-        indicators=np.zeros((9, len(watched))),
+        indicators=np.zeros((10, len(watched))),
     )
     driver.counts[METHOD], driver.counts[SLICE_SIZE], driver.counts[PATIENCE] = kind, slice_size, 20_000
     driver.real[RTOL], driver.real[ATOL], driver.real[FIRST_STEP_SIZE], driver.real[H_MAX] = rtol, atol, step, h_max

@@ -6,6 +6,7 @@ import math
 
 from vlmb.core.driver import (
     DIRECTION,
+    H_LAST,
     HIT,
     RATE,
     RATE_BEFORE,
@@ -13,6 +14,7 @@ from vlmb.core.driver import (
     SIDE,
     VALUE,
     VALUE_BEFORE,
+    VALUE_EARLIER,
     ZERO,
     ZERO_RATE,
     Array,
@@ -45,6 +47,7 @@ def note_start(driver: Driver) -> None:
     """Take the indicators at the start of a run; HIT of a resumed one means that its side is known."""
     g = driver.indicators
     for i in range(g.shape[1]):
+        g[VALUE_BEFORE, i] = math.nan
         if driver.counts[RESUMED] and g[HIT, i] != 0.0:
             g[SIDE, i] = g[HIT, i]
         else:
@@ -83,6 +86,7 @@ def note_step(driver: Driver) -> None:
 @inner
 def _remember(g: Array) -> None:
     for i in range(g.shape[1]):
+        g[VALUE_EARLIER, i] = g[VALUE_BEFORE, i]
         g[VALUE_BEFORE, i] = g[VALUE, i]
         g[RATE_BEFORE, i] = g[RATE, i]
 
@@ -93,11 +97,26 @@ def find_suspects(driver: Driver) -> bool:
     g, h = driver.indicators, driver.real[H]
     some = False
     for i in range(g.shape[1]):
+        if g[RATE, i] != g[RATE, i]:
+            guess_rates(g, i, h, driver.real[H_LAST])
         start = (g[SIDE, i], g[VALUE_BEFORE, i], h * g[RATE_BEFORE, i])
         crossed = crosses(start, g[VALUE, i], h * g[RATE, i], g[DIRECTION, i])
         g[HIT, i] = 1.0 if crossed else 0.0
         some = some or crossed
     return some
+
+
+@inner
+def guess_rates(g: Array, i: int, h: float, h_before: float) -> None:
+    """Write the rates of an indicator that knows none, as forces do not: of the parabola through its last three values.
+
+    Of a first step, which has two, of a parabola that comes nearer to 0 than both by a third of what they differ by.
+    """
+    now = (g[VALUE, i] - g[VALUE_BEFORE, i]) / h
+    bend = 3.0 * now / h if abs(g[VALUE, i]) > abs(g[VALUE_BEFORE, i]) else -3.0 * now / h
+    if g[VALUE_EARLIER, i] == g[VALUE_EARLIER, i]:
+        bend = (now - (g[VALUE_BEFORE, i] - g[VALUE_EARLIER, i]) / h_before) / (h_before + h)
+    g[RATE_BEFORE, i], g[RATE, i] = now - h * bend, now + h * bend
 
 
 @inner

@@ -70,6 +70,7 @@ from vlmb.core.row_arrays import (
     view,
 )
 from vlmb.core.rows import evaluate_switches
+from vlmb.core.scalars import NAN
 from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, SLIDES
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
@@ -238,7 +239,7 @@ def passing(line: Array, way: float) -> float:
 @kernel(copied=True)
 def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k: int, out: Array) -> None:
     """Write an indicator of friction under the ski, as the last evaluation has it; one that means nothing now is 1."""
-    out[VALUE, k], out[RATE, k] = 1.0, 0.0
+    out[VALUE, k], out[RATE, k] = 1.0, NAN
     if plant.size[CENTRE] < 0:
         return
     found, mu, first = memory.sliding[FOUND], plant.sliding[MU], plant.tree.shape[of.POSITIONS]
@@ -268,7 +269,7 @@ def look_at_contact(plant: Plant, memory: Memory, form: int, c: int, y: Array) -
 def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: Array) -> None:
     """Write the indicators of events into the rows VALUE and RATE of `out` (any, e) at (t, y) with y' = dy.
 
-    One that has no value there is nan and counts as not crossed.
+    One that has no value there is nan and counts as not crossed; a rate that is not known is nan.
     """
     tree, quantities = plant.tree, plant.quantities
     drive(plant, memory, t)
@@ -290,18 +291,18 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             out[RATE, k] = plant.bound[k, SIDE] * memory.measured[which, 1]
         elif form == GROWTH:
             measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
-            out[VALUE, k], out[RATE, k] = memory.measured[which, 1], 0.0
+            out[VALUE, k], out[RATE, k] = memory.measured[which, 1], NAN
         elif form in (STANDS, SLIPS, LIFTS, YIELDS):
             look_at_ski(plant, memory, form, y, dy, k, out)
         elif form in (HOLDS, GRIPS, STOPS):
-            out[VALUE, k], out[RATE, k] = 1.0, 0.0
+            out[VALUE, k], out[RATE, k] = 1.0, NAN
             if plant.rows.contacts.shape[0] > 0:
                 out[VALUE, k] = look_at_contact(plant, memory, form, which, y)
         elif form == BITES and plant.rows.table.shape[0] > 0:
             sizes = sizes_of(plant.rows)
             shares, at = view(sizes, memory.rows).shares, sizes.controls
             hold, normal = plant.bound[k, SIDE], int(plant.bound[k, BOUND])
-            out[VALUE, k], out[RATE, k] = hold * shares[at + normal] - abs(shares[at + which]), 0.0
+            out[VALUE, k], out[RATE, k] = hold * shares[at + normal] - abs(shares[at + which]), NAN
         elif form == MOVES:
             first = tree.shape[of.POSITIONS]
             out[VALUE, k], out[RATE, k] = plant.bound[k, SIDE] * y[first + which], plant.bound[k, SIDE] * dy[first + which]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vlmb.errors import SceneError
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.tables import BOUNCE, Robot, SceneTables
 
 MAX_URDF = 5_000_000  # characters
@@ -79,13 +80,13 @@ def relative_urdf(name: str, key: str) -> None:
 
 def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None:
     """Refuse what the types alone cannot, as far as it is known before a URDF is read."""
-    programme = scene.programme
     if not scene.robots:
         for key, given in (("welds", scene.welds), ("edges", scene.edges)):
             if given:
                 refuse(key, f"{key} need [[robots]]")
-        if programme is not None and (programme.limits or programme.posture):
-            refuse("programme", "limits and posture belong to scenes with [[robots]]; here secondary rows serve")
+        for key, programme in programmes_of(scene):
+            if programme.limits or programme.posture:
+                refuse(key, "limits and posture belong to scenes with [[robots]]; here secondary rows serve")
         return
     if len(scene.robots) > MAX_ROBOTS:
         refuse("robots", f"{len(scene.robots)} robots; at most {MAX_ROBOTS}")
@@ -107,9 +108,5 @@ def check_robots(scene: SceneTables, refuse: Callable[[str, str], None]) -> None
         refuse("links", "at_limit = 'bounce' is there for scenes of links alone")
     if scene.legs:
         refuse("legs", "massless legs are there for scenes of links alone; take the robot's own")
-    if scene.programmes:
-        refuse("programmes", "phases are there for scenes of links alone; a scene with robots has one [programme]")
-    if scene.events:
-        refuse("events", "events by name are there for scenes of links alone; read them of the trajectory")
     if scene.run.engine == "core":
         refuse("run.engine", "scenes with robots run on 'pinocchio' ('auto')")

@@ -217,3 +217,10 @@ def _hashable(value: Any) -> Any:
         return frozenset((name, _hashable(entry)) for name, entry in value.items())
     return tuple(map(_hashable, value)) if isinstance(value, (list, tuple)) else value
 
+
+def with_values(scene: Scene, changes: Mapping[str, object]) -> Scene:
+    """Return a completed scene with other values of its keys. It is not completed again: no user sees it."""
+    made: Scene = msgspec.Struct.__copy__(scene)  # type: ignore[attr-defined]
+    for name, value in changes.items():
+        msgspec.structs.force_setattr(made, name, value)
+    return made

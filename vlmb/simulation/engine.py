@@ -93,6 +93,10 @@ class Engine(Protocol):
         """Return y with its positions moved as velocities would move them in a second."""
         ...
 
+    def tidied(self, y: Array) -> Array:
+        """Return a copy of y with what has unit length brought back to it."""
+        ...
+
     def raised(self, error: BaseException) -> bool:
         """Whether an error is one that the control raised."""
         ...

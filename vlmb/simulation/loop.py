@@ -17,6 +17,7 @@ from vlmb.core.driver import (
     CROSSING,
     DONE,
     EVALUATIONS,
+    FIRST_STEP_SIZE,
     GO_ON,
     HIT,
     NEXT_SAMPLE,
@@ -33,6 +34,7 @@ from vlmb.core.driver import (
     TIME_BEFORE,
     ZERO,
     ZERO_RATE,
+    H,
     Y,
     make_driver,
 )  # fmt: skip
@@ -42,16 +44,18 @@ from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
-from vlmb.simulation.passage import Passing
+from vlmb.simulation.passage import Passage, Passing
+from vlmb.simulation.phases import Turn
 from vlmb.simulation.stuck import why_stuck
 from vlmb.system import interrupts
-from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, SWITCH, TOLD, Event
+from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, STICKS, SWITCH, TOLD, Event
 
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
 SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
 TOO_MANY = 40
+SHORTER, SHORTEST = 0.25, 1e-12  # of a step that is begun anew; [s] one that is not
 JUMPS = (OPENS, SLIPS)  # forces jump, motions do not
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
 INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
@@ -70,7 +74,7 @@ class Loop:
     def __init__(
         self, engine: Engine, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
         progress: Callable[[float], None] | None = None, longest: float = np.inf,
-        hand: Callable[[Array, Array], None] | None = None,
+        hand: Callable[[Array, Array], None] | None = None, slides_on: Callable[[int, float, Array], bool] | None = None,
     ) -> None:  # fmt: skip
         self.engine, self.breaks, self.bounds, self.tell = engine, breaks, bounds, progress
         self.method, self.controlled = find_method(run.method), longest < np.inf
@@ -90,10 +94,12 @@ class Loop:
         self.switched: list[float] = []  # times of the last switches
         self.hit: Event | None = None  # of a contact, that ended a phase
         self.happened: list[tuple[float, str, str]] = []  # time, kind and name of what is told
+        self.turns: list[Turn] = []  # where it began anew
         self.passing = Passing(engine)
         self.told = start  # time that progress was told last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
         self.kept = len(times)  # samples, at most
+        self.slides_on, self.again = slides_on, False  # whether a contact has a speed at (t, y); whether this step is begun anew
         self._refuse_start()
 
     @property
@@ -129,6 +135,8 @@ class Loop:
         try:
             self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if b < self.last), self.last]:
+                if self.t != self.start:
+                    self.turns.append(Turn(self.t, "a break of a law"))
                 sentence = self._stretch(end)
                 if self.hit is not None:
                     return "switched", ""
@@ -158,6 +166,10 @@ class Loop:
                 return sentence
         if self.t != self.start and self._lets_go():
             return None
+        found = self.passing.leave(self.driver, self.t, until) if self.t == self.start and self.engine.dependent >= 0 else None
+        sentence = self._along(found, until) if found is not None else None
+        if sentence is not None:
+            return sentence
         while True:
             code = self._slice()
             if code == DONE:
@@ -166,6 +178,8 @@ class Loop:
                 return None
             if code == CROSSING:
                 self._answer()
+            elif code == STOPPED and self.again:
+                self._begin_again(until)
             elif code == STOPPED:
                 self._note_time()
                 self._step_onto()
@@ -241,8 +255,10 @@ class Loop:
             if event.kind == NAMED and not event.sentence:
                 self.happened.append((float(crossing.t), TOLD[NAMED], event.name))
             elif self._counts(crossing):
+                self.again = self._turns(event, crossing.t)
                 driver.indicators[HIT, crossing.indicator] = crossing.direction
-                driver.counts[ANSWER], driver.real[STOP_TIME] = STOP, crossing.t
+                driver.counts[ANSWER] = STOP
+                driver.real[STOP_TIME] = driver.real[TIME_BEFORE] if self.again else crossing.t
                 return
 
     def _counts(self, crossing: Crossing) -> bool:
@@ -253,6 +269,23 @@ class Loop:
         y = np.empty_like(self.driver.point)
         state_at(self.driver, crossing.t, y)
         return self.engine.in_line(event, crossing.t, y) < IN_LINE
+
+    def _turns(self, event: Event, t: float) -> bool:
+        """Whether a contact that no longer slides along its last direction has turned there, and not stopped."""
+        if self.slides_on is None or event.kind != CONTACT or event.name != STICKS or not self.method.adaptive:
+            return False
+        y = np.empty_like(self.driver.point)
+        state_at(self.driver, t, y)
+        return bool(self.driver.real[H] > SHORTEST * max(1.0, abs(t)) and self.slides_on(event.which, t, y))
+
+    def _begin_again(self, until: float) -> None:
+        """Begin a step anew with a shorter one: friction knew no direction in the part after the turn."""
+        driver = self.driver
+        self.again, wanted = False, float(driver.real[FIRST_STEP_SIZE])
+        driver.point[:], driver.real[FIRST_STEP_SIZE] = driver.rows[Y], SHORTER * driver.real[H]
+        driver.counts[STEPS] -= 1
+        begin(driver, float(driver.real[TIME_BEFORE]), until)
+        driver.real[FIRST_STEP_SIZE] = wanted
 
     def _in_line(self, error: VlmbError) -> str | None:
         """Return the sentence of a line-up that a step could not get nearer to: the torque beyond it has no axis yet."""
@@ -276,6 +309,7 @@ class Loop:
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
+                self.turns.append(Turn(self.t, f"the switch {event.name}"))
                 resume(self.driver, self.t, until)
                 return None
             self._end_here()
@@ -286,6 +320,7 @@ class Loop:
         if event.kind == DEPENDENT:
             return self._pass(until)
         if event.kind == GRIP:
+            self.turns.append(Turn(self.t, "the ski that stops or slips"))
             self._grip(until)
             return None
         self._end_here()
@@ -315,7 +350,11 @@ class Loop:
         if found is None:
             begin(driver, self.t, until)
             return None
-        crossing = found.first_crossing(self.engine)
+        return self._along(found, until)
+
+    def _along(self, found: Passage, until: float) -> str | None:
+        """Go along a passage to its end, or to the first event; return its sentence if it ends the run."""
+        driver, crossing = self.driver, found.first_crossing(self.engine)
         self.t = float(found.t if crossing is None else crossing.t)
         found.write(driver, self.t)
         if crossing is None:

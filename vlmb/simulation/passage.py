@@ -1,16 +1,18 @@
 r"""Through a posture in which ideal rows lose their independence, where the motion through it is determined.
 
 There J M^-1 J^T has no inverse, and near it every error of the position is magnified: what is a little off the rows turns into
-another branch. The motion on its own branch is smooth all the same. So the passage is integrated by Gauss collocation of order 8,
+another branch. The motion on its own branch is smooth all the same. So the passage is integrated by Gauss collocation,
 
     k_i = f(t + c_i h, y_i),   y_i = y + h sum_j a_ij k_j,   each y_i brought onto the rows before f is asked,
 
-over a stretch whose middle is the singular posture, which no node comes near. The same in three and nine parts tells the error.
+over a stretch whose middle is the singular posture, or where the motion turns back near it: no node of an even number comes near
+the middle. The same with more stages, or in odd numbers of parts, tells the error.
 """
 
 from __future__ import annotations
 
-from functools import partial
+import math
+from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,31 +24,31 @@ from vlmb.core.locate import Crossing, root
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.simulation.engine import Engine
 from vlmb.system.events import IN_LINE, LINE_UP
-from vlmb.system.worth import LOOKED_AT
+from vlmb.system.worth import LOOKED_AT, REPEATING, TINIEST
 
 Array = NDArray[np.float64]
 
-STAGES = 4
 ROUNDS, STEADY = 80, 1e-14  # of the iteration for the slopes, and the relative change that ends it
-STALLED = 1e-9  # relative change at which rounding may end it
-PARTS = (1, 3, 9)  # odd: the middle of the middle part is the singular posture
-SPANS, LEFT = (1.0, 2.0, 4.0), 0.5  # of twice the way to the posture; what rows are worth at the end, of that at the start
+STALLED, IDLE = 1e-9, 20  # relative change at which rounding may end it; rounds without a gain that end it without an answer
+WAYS = ((4, 1), (6, 1), (8, 1), (10, 1), (4, 3), (4, 9))  # stages, parts: one part leaves most room around the middle
+SPANS = (1.0, 2.0, 4.0, 1.4, 2.8)  # of twice the way to the posture
+LEFT = 0.5  # of what rows are worth at the start: that at the end
 FINEST = 1e-10  # of a tolerance, what rounding leaves near the posture
 AGAIN = 0.8  # of what a row is worth: where it is looked at next
 NEARER = 0.1
 PROBE = 0.02  # of the time to the posture: how far ahead the rows are looked at
+BESIDE, LEAVING = 1e-3, 0.2  # [rad, m] that the fastest part goes: to a look beside a start, and at most to leave it
+SHARE, TRIES = 4.0, 8  # by what that is cut, and how often
 ON_ROWS = 2e-16  # [m, rad, per s] of a residual: what is left is magnified by the third power of what the rows are worth
 
 
-def _tableau() -> tuple[Array, Array, Array]:
+@cache
+def _tableau(stages: int) -> tuple[Array, Array, Array]:
     """Nodes c (s,) and integrals of the Lagrange polynomials: a (s, s) up to the nodes, weights (s, s) of their powers."""
-    nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(STAGES)[0]
+    nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(stages)[0]
     powers = np.linalg.inv(np.vander(nodes, increasing=True))  # l_j(x) = sum_k powers[k, j] x^k
-    integrals = powers / np.arange(1, STAGES + 1)[:, None]
-    return nodes, np.vander(nodes, STAGES + 1, increasing=True)[:, 1:] @ integrals, integrals
-
-
-NODES, TO_NODES, INTEGRALS = _tableau()
+    integrals = powers / np.arange(1, stages + 1)[:, None]
+    return nodes, np.vander(nodes, stages + 1, increasing=True)[:, 1:] @ integrals, integrals
 
 
 class Part(NamedTuple):
@@ -60,7 +62,8 @@ class Part(NamedTuple):
     def at(self, t: float) -> Array:
         """Return y at a time [s] within it."""
         x = (t - self.t) / self.h
-        answer: Array = self.y + self.h * (x ** np.arange(1, STAGES + 1) @ INTEGRALS) @ self.slopes
+        count = len(self.slopes)
+        answer: Array = self.y + self.h * (x ** np.arange(1, count + 1) @ _tableau(count)[2]) @ self.slopes
         return answer
 
 
@@ -112,6 +115,21 @@ class Passing:
         self.engine = engine
         self.closer = 0  # which of LOOKED_AT the rows are worth
 
+    def leave(self, driver: Driver, t: float, until: float) -> Passage | None:
+        """Return a way out of a start in which rows are dependent that are not so beside it; None where nothing is lost."""
+        y, tolerances = np.array(driver.point), (float(driver.real[RTOL]), float(driver.real[ATOL]))
+        fastest = float(np.abs(y[self.engine.velocities]).max(initial=0.0))
+        if fastest == 0.0 or not t < until or not _loses(self.engine, t, y, BESIDE / fastest):
+            return None
+        counted = _Counted(self.engine)
+        for span in (LEAVING / fastest / SHARE**k for k in range(TRIES)):
+            found = _agreed(counted, t, y, min(span, until - t), *tolerances)
+            if found is not None:
+                driver.counts[EVALUATIONS] += counted.count
+                driver.counts[STEPS] += len(found.parts)
+                return found
+        return None
+
     def seek(self, driver: Driver, t: float, until: float) -> Passage | str | None:
         """Return a passage; None where the run goes on as it is; a sentence where no one way is known."""
         engine, y = self.engine, np.array(driver.point)
@@ -141,6 +159,15 @@ class Passing:
         )
 
 
+def _loses(mover: Engine, t: float, y: Array, ahead: float) -> bool:
+    """Whether rows depend on each other that do not so a time [s] ahead."""
+    beside = _Counted(mover).on_rows(t + ahead, y + ahead * mover.evaluate(t, y))
+    answers = [mover.rows(t, y).answers, mover.rows(t + ahead, beside).answers]
+    sizes = np.maximum(np.max([np.linalg.norm(each, axis=1) for each in answers], axis=0), TINIEST)
+    here, there = ((np.linalg.svd(each / sizes[:, None], compute_uv=False) > math.sqrt(REPEATING)).sum() for each in answers)
+    return bool(here < there)
+
+
 class _Counted:
     """An engine, and how often it was asked."""
 
@@ -149,7 +176,7 @@ class _Counted:
 
     def on_rows(self, t: float, y: Array) -> Array:
         """Bring a state onto the ideal rows, by the least change in kinetic energy: positions first, then velocities."""
-        mover, last = self.mover, np.inf
+        mover, y, last = self.mover, self.mover.tidied(y), np.inf
         for _ in range(12):
             rows = mover.rows(t, y)
             self.count += 1
@@ -158,7 +185,6 @@ class _Counted:
                 break
             y, last = mover.moved(t, y, -rows.shares(rows.z)), off
             self.count += 1
-        y = np.array(y)
         y[mover.velocities] -= rows.shares(rows.rate)
         return y
 
@@ -196,9 +222,9 @@ def pass_through(mover: Engine, t: float, y: Array, ahead: float, until: float, 
 def _agreed(counted: _Counted, t: float, y: Array, span: float, rtol: float, atol: float) -> Passage | None:
     """Return the finer of two passages that agree."""
     scale, before = atol + rtol * np.abs(y) + FINEST * max(1.0, float(np.abs(y).max())), None
-    for count in PARTS:
+    for stages, count in WAYS:
         try:
-            found = _in_parts(counted, t, counted.on_rows(t, y), span, count)
+            found = _in_parts(counted, t, counted.on_rows(t, y), span, count, stages)
         except (VlmbError, np.linalg.LinAlgError):
             before = None
             continue
@@ -208,26 +234,30 @@ def _agreed(counted: _Counted, t: float, y: Array, span: float, rtol: float, ato
     return None
 
 
-def _in_parts(counted: _Counted, t: float, y: Array, span: float, count: int) -> Passage:
+def _in_parts(counted: _Counted, t: float, y: Array, span: float, count: int, stages: int) -> Passage:
     parts, h = [], span / count
     for k in range(count):
-        part, y = _collocate(counted, t + k * h, y, h)
+        part, y = _collocate(counted, t + k * h, y, h, stages)
         parts.append(part)
     return Passage(parts, t + span, y, 0)
 
 
-def _collocate(counted: _Counted, t: float, y: Array, h: float) -> tuple[Part, Array]:
+def _collocate(counted: _Counted, t: float, y: Array, h: float, stages: int) -> tuple[Part, Array]:
     """Go one part further; raises VlmbError where the iteration does not come to rest."""
-    slopes, last, size = np.tile(counted.slope(t, y), (STAGES, 1)), np.inf, max(1.0, float(np.abs(y).max()))
+    nodes, to_nodes, integrals = _tableau(stages)
+    slopes, last, size = np.tile(counted.slope(t, y), (stages, 1)), np.inf, max(1.0, float(np.abs(y).max()))
+    idle = 0
     for _ in range(ROUNDS):
         new = np.empty_like(slopes)
-        for i, stage in enumerate(y + h * TO_NODES @ slopes):
-            at = t + NODES[i] * h
+        for i, stage in enumerate(y + h * to_nodes @ slopes):
+            at = t + nodes[i] * h
             new[i] = counted.slope(at, counted.on_rows(at, stage))
         change = h * float(np.abs(new - slopes).max()) / size
-        slopes = new
+        slopes, idle = new, idle + (change > 0.5 * last)
         if change <= STEADY or (change <= STALLED and change > 0.5 * last):
-            end = counted.on_rows(t + h, y + h * INTEGRALS.sum(axis=0) @ slopes)
+            end = counted.on_rows(t + h, y + h * integrals.sum(axis=0) @ slopes)
             return Part(t, h, y, slopes), end
-        last = change
+        if idle > IDLE:
+            break
+        last = min(change, last)
     raise SimulationError("the iteration does not come to rest")

@@ -19,11 +19,11 @@ from vlmb.simulation.contact_view import Engine
 from vlmb.simulation.leg_steps import NEAR, LegSteps
 from vlmb.simulation.loop import Loop, Recorded
 from vlmb.simulation.motion import Motion
-from vlmb.simulation.phases import Event, Stretch
+from vlmb.simulation.phases import Event, Stretch, Turn
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, TURNING, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -50,6 +50,7 @@ class PhasedRun(LegSteps):
         self.times, self.breaks, self.bounds, self.tell, self.longest = times, breaks, bounds, progress, longest
         self.stretches: list[Stretch] = []
         self.events: list[Event] = []
+        self.turns: list[Turn] = []
         self.parts: list[Samples] = []
         self.steps, self.evaluations, self.quiet = 0, 0, False
         self.now: System | None = None  # of the phase under way
@@ -121,6 +122,16 @@ class PhasedRun(LegSteps):
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
+            self.turns.append(self._turned(loop.hit, out))
+
+    def _turned(self, hit: Watched, out: Outcome) -> Turn:
+        """Return how a run goes on after the event of a contact."""
+        modes = tuple((point.name, point.shown(at)) for point, at in zip(self.points, out.footings, strict=True))
+        told = out.event
+        if told is None:
+            name = self.points[hit.which].name
+            return Turn(self.t, f"{hit.name} {name}", (name,), modes)
+        return Turn(self.t, f"{told.kind} {told.name}", told.contacts, modes)
 
     def _keep_start(self, out: Outcome) -> None:
         """Keep the start of a run that goes no further."""
@@ -132,9 +143,21 @@ class PhasedRun(LegSteps):
         """Begin a phase."""
         mover = self._next(out.footings, told)
         breaks = [at for at in self.breaks if at > self.t]
-        loop = Loop(mover, self.options, out.y, times, breaks, self.t, self.bounds, self.tell, self.longest)
+        goes = (self.t, self.bounds, self.tell, self.longest)
+        loop = Loop(mover, self.options, out.y, times, breaks, *goes, slides_on=self._slides_on)
         self.begun, self.mover = (mover, loop, out.footings), mover
         return mover, loop
+
+    def _slides_on(self, c: int, t: float, y: Array) -> bool:
+        """Whether a sliding contact that is at a right angle to its last direction at (t, y) has a speed there."""
+        point = self.points[c]
+        if self.plane or point.edge is not None or self.begun is None:
+            return False
+        mover, _, footings = self.begun
+        jet = mover.look_at_contacts(t, y).jets[c]
+        frame, _ = point.frame(t, jet[:3, 0], self.plane, footings[c])
+        across = frame[:-1] @ (jet[:3, 1] - np.array(point.contact.surface_velocity))
+        return bool(np.linalg.norm(across) > TURNING)
 
     def _next(self, footings: tuple[Footing, ...], told: bool) -> Engine:
         """Return the engine of the next phase; it goes on from the last one where nothing was told."""
@@ -162,6 +185,7 @@ class PhasedRun(LegSteps):
         self.steps += loop.steps
         self.evaluations += loop.evaluations
         self.events += [Event(*happened) for happened in loop.happened]
+        self.turns += loop.turns
         start = self.stretches[-1].end if self.stretches else loop.start
         if not told and len(recorded.t) and recorded.t[-1] not in self.times:
             recorded = Recorded(recorded.t[:-1], recorded.states[:-1])

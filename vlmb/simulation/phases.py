@@ -59,6 +59,19 @@ def _event(*values: Any) -> Event:
     return event._replace(impulses=MappingProxyType(impulses), modes=MappingProxyType(dict(event.modes)))
 
 
+class Turn(NamedTuple):
+    """A time [s] at which a run began anew, what made it, and how contacts stood from then on.
+
+    There a motion, or its rates, are not smooth. Events of contacts are among them, and so is what is told of no run: a break of
+    a law, a switch, a ski that stops or slips.
+    """
+
+    t: float
+    what: str
+    contacts: tuple[str, ...] = ()
+    modes: tuple[tuple[str, str], ...] = ()
+
+
 @dataclasses.dataclass(frozen=True)
 class Stretch:
     """A phase as it was run: how contacts stood, and which samples (first, end) it has."""

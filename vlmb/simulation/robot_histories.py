@@ -13,7 +13,7 @@ from vlmb.model.frozen import read_only
 from vlmb.model.layout import State
 from vlmb.scene.names import SNOW
 from vlmb.simulation.named import Residual
-from vlmb.simulation.phases import Stretch
+from vlmb.simulation.phases import Stretch, begun
 from vlmb.system.constraints import Constraint
 from vlmb.system.contacts import AWAY, CLOSED, OPEN, Footing
 from vlmb.system.robot_engine import RobotEngine
@@ -23,10 +23,15 @@ from vlmb.system.slips import force_of
 Array = NDArray[np.float64]
 
 
-def told_rows(system: RobotSystem, count: int) -> list[Constraint]:
-    """List the first rows, without those of lengths that follow laws: their reactions are controls."""
+def held_rows(system: RobotSystem) -> list[Constraint]:
+    """List the rows that reactions hold, without those of lengths that follow laws: their reactions are controls."""
     first = system.first_drive
-    return [row for k, row in enumerate(system.info[:count]) if not first <= k < first + len(system.drives)]
+    return [row for k, row in enumerate(system.info[: system.eliminated]) if not first <= k < first + len(system.drives)]
+
+
+def told_rows(system: RobotSystem) -> list[Constraint]:
+    """List the rows that results tell: held ones, and those of programmes."""
+    return [*held_rows(system), *system.own.rows]
 
 
 def snow_of(system: RobotSystem) -> tuple[str, ...]:
@@ -44,10 +49,9 @@ class Histories:
 
     def __init__(self, system: RobotSystem, count: int) -> None:
         self.system, self.count = system, count
-        rows = system.eliminated + system.servo
-        self.rows = {row.text: row for row in told_rows(system, rows)}
-        self.held = {row.text for row in told_rows(system, system.eliminated)}
-        self.values = np.full((count, len(system.forces)), np.nan)
+        self.rows = {row.text: row for row in told_rows(system)}
+        self.held = {row.text for row in held_rows(system)}
+        self.values = np.full((count, len(system.own.forces)), np.nan)
         sizes = [sum(row.text == name for row in system.info) for name in self.rows]
         several = [size if name in self.held else 1 for name, size in zip(self.rows, sizes, strict=True)]
         self.multipliers = {name: np.full((count, size), np.nan) for name, size in zip(self.rows, several, strict=True)}
@@ -58,9 +62,11 @@ class Histories:
         self.contacts = {point.name: np.zeros((count, 3)) for point in system.points}
         self.report = "" if system.plan is None else system.plan.decay
 
-    def follow(self, footings: Sequence[Footing], first: int, taken: Sequence[Array], began: State, failed: bool) -> None:
+    def follow(
+        self, footings: Sequence[Footing], phase_began: float, first: int, taken: Sequence[Array], began: State, failed: bool
+    ) -> None:
         """Evaluate samples (t, states, inputs) of one phase, that begin with sample `first`."""
-        system = self.system.phase(footings) if footings else self.system
+        system = self.system.phase(footings, began=phase_began) if footings else self.system
         engine = RobotEngine(system, began)
         space, first_row = engine.workspace, system.first_drive
         places = {name: [k for k, row in enumerate(system.info) if row.text == name] for name in self.rows}
@@ -105,7 +111,7 @@ class Histories:
     def told(self) -> dict[str, Any]:
         """Return controls, reactions, residuals, powers and conditions by name."""
         system, controls = self.system, dict[str, Array]()
-        for k, force in enumerate(system.forces):
+        for k, force in enumerate(system.own.forces):
             controls[force.name] = controls.get(force.name, 0.0) + self.values[:, k]
         controls |= {drive.force: self.drives[:, k] for k, drive in enumerate(system.drives)}
         reactions = {name: values if values.shape[1] > 1 else values[:, 0] for name, values in self.multipliers.items()}
@@ -126,10 +132,10 @@ class Histories:
 
 
 def places_of(phase: RobotSystem, whole: RobotSystem) -> list[int]:
-    """Return where the forces of a phase stand among those of the whole run, of which they are some in the same order."""
-    found, every = list[int](), iter(enumerate(whole.forces))
+    """Return where the forces of a phase stand among those of the whole run."""
+    found = list[int]()
     for force in phase.forces:
-        found.append(next(at for at, other in every if other == force))
+        found.append(next(at for at, other in enumerate(whole.own.forces) if other == force and at not in found))
     return found
 
 
@@ -139,11 +145,12 @@ def robot_histories(
     """Return what `Histories.told` does; taken: t, states and inputs at all samples; began: where the run did."""
     found = Histories(system, len(taken[0]))
     if not stretches:
-        found.follow([Footing(OPEN)] * len(system.points), 0, taken, began, failed)
+        found.follow([Footing(OPEN)] * len(system.points), 0.0, 0, taken, began, failed)
+    phases = begun(stretches, len(taken[0]))
     for stretch in stretches:
         if stretch.last > stretch.first:
-            own = slice(stretch.first, stretch.last)
-            found.follow(stretch.footings, stretch.first, [values[own] for values in taken], began, failed)
+            at, own = stretch.first, slice(stretch.first, stretch.last)
+            found.follow(stretch.footings, float(phases[at]), at, [values[own] for values in taken], began, failed)
     return found.told()
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.layout import State
+from vlmb.scene.by_phase import programme_at, programmes_of
 from vlmb.scene.names import listed
 from vlmb.scene.tables import Run
 from vlmb.simulation.phased_run import PhasedRun
@@ -57,8 +58,7 @@ class RobotPhases(PhasedRun):
         speeds: Mapping[int, Array], leaving: Mapping[int, tuple[int, Array]],
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
         """Return the modes that follow under the torques that the programme gives in these modes."""
-        system: Any = self.system
-        if system.plan is None or not resting:
+        if programme_at(self.systems.scene, closed) is None or not resting:
             return super()._modes_under(closed, y, resting, frames, speeds, leaving)
         states, ways = dict.fromkeys(resting, HELD), dict[int, Array]()
         for k in resting:
@@ -93,8 +93,7 @@ class RobotPhases(PhasedRun):
         self, y: Array, footings: tuple[Footing, ...], among: Sequence[int], frames: Mapping[int, Array], light: Collection[int]
     ) -> tuple[tuple[Footing, ...] | None, set[int]]:
         """Let all contacts carry under a programme, whose torques go by which do."""
-        system: Any = self.system
-        if system.plan is not None:
+        if programmes_of(self.systems.scene):
             return None, set()
         return super()._carried_by_others(y, footings, among, frames, light)
 
@@ -103,7 +102,7 @@ class RobotPhases(PhasedRun):
             return super()._under_forces(y, closed)
         if self.torques is None:
             system: Any = self.system
-            commanded, apart = system.commanded(self._commands(system)), [Footing()] * len(self.points)
+            commanded, apart = system.commanded(commands_of(system)), [Footing()] * len(self.points)
             self.torques = Probe(commanded, system.engine, False, self.t, apart, closed)
         return self.torques.at(self.t, y, self._branch_at(y), self.works, self.given)
 
@@ -126,13 +125,7 @@ class RobotPhases(PhasedRun):
         system: Any = self.system
         own = engine.system.forces[engine.system.laws :]
         acting = dict(zip((force.name for force in own), engine.workspace.values[engine.system.laws :].tolist(), strict=True))
-        return [acting.get(name, 0.0) for name in self._commands(system)]
-
-    @staticmethod
-    def _commands(system: RobotSystem) -> tuple[str, ...]:
-        """Name the forces from outside, and the controls of a programme."""
-        count = 0 if system.plan is None else len(system.plan.names)
-        return (*system.inputs, *(force.name for force in system.forces[len(system.forces) - count :]))
+        return [acting.get(name, 0.0) for name in commands_of(system)]
 
     def _view(self, y: Array) -> Any:
         engine = self._mover_of(y)
@@ -145,6 +138,11 @@ class RobotPhases(PhasedRun):
 
     def _angle_to(self, point: ContactPoint) -> float | None:
         return None
+
+
+def commands_of(system: RobotSystem) -> tuple[str, ...]:
+    """Name the forces from outside, and the controls of all programmes."""
+    return (*system.inputs, *system.own.controls)
 
 
 def with_engine(system: RobotSystem, start: State) -> RobotSystem:

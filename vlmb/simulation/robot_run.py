@@ -36,13 +36,13 @@ Array = NDArray[np.float64]
 def simulate_robots(
     mechanism: RobotMechanism, run: Run, times: Array, control: Callable[..., Any] | None,
     start: End | Mapping[str, float] | None, t0: float, progress: Callable[[float], None] | None, until: str = "",
-    expression: Expression | None = None,
+    expression: Expression | None = None, ends_at: str = "",
 ) -> RobotTrajectory:  # fmt: skip
     """Simulate with checked options; see `vlmb.simulate`."""
     if start is not None:
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
-    system = make_robot_system(mechanism, run, until=expression)
+    system = make_robot_system(mechanism, run, until=expression, ends_at=ends_at)
     begin = robot_start(system, t0)
     interrupts.answer()
     if control is not None:

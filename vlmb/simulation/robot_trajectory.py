@@ -16,6 +16,7 @@ from vlmb.errors import TrajectoryError, VlmbError, nearest
 from vlmb.model.frozen import read_only
 from vlmb.model.layout import State
 from vlmb.model.robot_mechanism import RobotMechanism
+from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.simulation.columns import Column
 from vlmb.simulation.doubts import of_energy, of_rows
@@ -23,7 +24,7 @@ from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
 from vlmb.simulation.phased_run import PhasedRun
-from vlmb.simulation.robot_histories import centre_of_pressure, lowest_gaps, robot_histories, snow_of, told_rows
+from vlmb.simulation.robot_histories import centre_of_pressure, held_rows, lowest_gaps, robot_histories, snow_of, told_rows
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory, versions
 from vlmb.system.contacts import Footing
@@ -151,21 +152,20 @@ class RobotTrajectory(Trajectory):
         Of a ski also `normal` [N], `roll_moment`, `pitch_moment` [N m] about A, and its `friction` [N]. Forces at points, drag,
         springs to what it does not carry and welds to that are outer forces. Of a contact its force (N, 3) [N].
         """
-        names = tuple(dict.fromkeys(row.text for row in told_rows(self.system, self.system.eliminated)))
+        names = tuple(dict.fromkeys(row.text for row in held_rows(self.system)))
         names = (*names, *snow_of(self.system), *(point.name for point in self.system.points))
         return Named("reaction", names, lambda name: self._evaluations["reactions"][name])
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Errors of all rows by name; of a weld the largest of its six."""
-        count = self.system.eliminated + self.system.servo
-        names = tuple(dict.fromkeys(row.text for row in told_rows(self.system, count)))
+        names = tuple(dict.fromkeys(row.text for row in told_rows(self.system)))
         return Named("residual", names, lambda name: self._evaluations["residuals"][name])
 
     @property
     def conditions(self) -> Array:
         """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample."""
-        return self._evaluations["conditions"] if self.system.plan is not None else read_only(np.zeros(0))
+        return self._evaluations["conditions"] if programmes_of(self.scene) else read_only(np.zeros(0))
 
     def centre_of_pressure(self, *names: str) -> Array:
         """Return where contacts press together (N, 3) [m], nan where none does: by name, or by a pattern as "left_*".
@@ -238,7 +238,8 @@ class RobotTrajectory(Trajectory):
         """
         model, names, found = self.mechanism.model, self.mechanism.names, {}
         known = set(self.controls)
-        for force, limit in zip(self.system.forces, effort_limits(self.mechanism, self.system.forces).tolist(), strict=True):
+        every = self.system.own.forces
+        for force, limit in zip(every, effort_limits(self.mechanism, every).tolist(), strict=True):
             if np.isfinite(limit) and force.name in known:
                 found[f"effort:{force.name}"] = largest(self.controls[force.name]) / limit
         for force in names.forces.values():
@@ -263,7 +264,7 @@ class RobotTrajectory(Trajectory):
             yield Column(name, "J", self[name])
         for name in signals:
             yield Column(name, signals.unit(name), self[name])
-        units = {force.name: force.unit for force in self.system.forces} | {drive.force: "N" for drive in self.system.drives}
+        units = {force.name: force.unit for force in self.system.own.forces} | {drive.force: "N" for drive in self.system.drives}
         for name, values in self.controls.items():
             yield Column(name, units[name], values)
         for name, values in self.reactions.items():
@@ -294,7 +295,7 @@ class RobotTrajectory(Trajectory):
         """Return what a user wants to know of the run in a few lines."""
         from vlmb.simulation.robot_summary import summarize_robots
 
-        programme = "" if self.system.plan is None else self._evaluations["report"]
+        programme = self._evaluations["report"] if programmes_of(self.scene) else ""
         if programme:
             programme += f"; condition of G up to {np.fmax.reduce(self.conditions, initial=0.0):.4g}"
         return summarize_robots(self, programme)

@@ -121,8 +121,8 @@ def simulate(
         if not isinstance(mechanism, Mechanism):
             from vlmb.simulation.robot_run import simulate_robots
 
-            asked, _, expression = read_until(mechanism, until)
-            return simulate_robots(mechanism, run, times, control, start, t0, progress, asked, expression)
+            asked, named, expression = read_until(mechanism, until)
+            return simulate_robots(mechanism, run, times, control, start, t0, progress, asked, expression, named)
         return _simulated(mechanism, run, times, control, start, t0, progress, watch, until)
 
 
@@ -228,10 +228,13 @@ def _trajectory(
 ) -> Trajectory:  # fmt: skip
     if isinstance(loop, Loop):
         events, taken = tuple(Event(*happened) for happened in loop.happened), samples_of(mover, loop.recorded)
-        return Trajectory.from_run(system, mover.name, taken, start, t0, status, message, stats, events=events)
+        return Trajectory.from_run(
+            system, mover.name, taken, start, t0, status, message, stats, events=events, turns=tuple(loop.turns)
+        )
     return Trajectory.from_run(
-        system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events)
-    )
+        system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events),
+        tuple(loop.turns),
+    )  # fmt: skip
 
 
 def _kept(make: Callable[[], Trajectory]) -> Trajectory:

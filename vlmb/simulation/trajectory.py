@@ -36,7 +36,7 @@ from vlmb.simulation.leg_histories import feet_at_end, read_leg
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
-from vlmb.simulation.phases import Event, Phase, Stretch, begun, phases_of
+from vlmb.simulation.phases import Event, Phase, Stretch, Turn, begun, phases_of
 from vlmb.simulation.phases_data import phases_as_data
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
@@ -85,7 +85,7 @@ class Trajectory(Remade, Displayed):
     @staticmethod
     def from_run(
         system: System, engine: str, samples: Samples, start: Start, t0: float, status: str, message: str, stats: Any,
-        stretches: tuple[Stretch, ...] = (), events: tuple[Event, ...] = (),
+        stretches: tuple[Stretch, ...] = (), events: tuple[Event, ...] = (), turns: tuple[Turn, ...] = (),
     ) -> Trajectory:  # fmt: skip
         """Turn the samples of a run into a trajectory."""
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
@@ -101,7 +101,7 @@ class Trajectory(Remade, Displayed):
             system.mechanism, t, states, engine, inputs, names, branch, system.run, status, message, start.adjustments,
             stats, versions(), float(t0), doubts, stretches, events,
         )  # fmt: skip
-        made.__dict__.update(system=system, _motion=motion, **looked)  # nothing is compiled or computed again
+        made.__dict__.update(system=system, _motion=motion, turns=turns, **looked)  # nothing is compiled or computed again
         return made
 
     @cached_property
@@ -113,6 +113,11 @@ class Trajectory(Remade, Displayed):
     def _motion(self) -> Motion:
         began = begun(self.stretches, len(self.t))
         return Motion(self.system, self.engine, self.t, self.states, self.branch, began)
+
+    @cached_property
+    def turns(self) -> tuple[Turn, ...]:
+        """Where the run began anew, in order: of a run that was just made, not of one from a file."""
+        return ()
 
     @property
     def phases(self) -> tuple[Phase, ...]:

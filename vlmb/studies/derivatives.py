@@ -43,26 +43,46 @@ def jacobian(
 
 
 def _column(function: Callable[[Array], Array], x: Array, k: int, size: float) -> tuple[Array, float]:
-    h, before, best, error = FIRST * size, list[Array](), None, np.inf
+    h, steps, differences, why = FIRST * size, list[float](), list[Array | None](), ""
     for _ in range(LEVELS):
         ahead, behind = x.copy(), x.copy()
         ahead[k] += h
         behind[k] -= h
+        steps.append(h)
         try:
-            difference = (function(ahead) - function(behind)) / (ahead[k] - behind[k])
-        except VlmbError:  # beyond a pole or a limit: nearer
-            before, h = [], h / SHRINK
-            continue
-        row, factor = [difference], 1.0
-        for known in before:
-            factor *= SHRINK * SHRINK
-            row.append((factor * row[-1] - known) / (factor - 1.0))
-        for last, new, other in zip(row, row[1:], before, strict=False):
-            off = max(float(np.abs(new - last).max()), float(np.abs(new - other).max()))
-            if off < error:
-                best, error = new, off
-        before, h = row, h / SHRINK
-    if best is None:
-        raise StudyError("the accelerations have no derivatives here")
+            differences.append((function(ahead) - function(behind)) / (ahead[k] - behind[k]))
+        except VlmbError as refused:  # beyond a pole or a limit: nearer
+            differences.append(None)
+            why = f": {refused}"
+        h /= SHRINK
+    known = next((entry for entry in differences if entry is not None), None)
+    if known is None:
+        raise StudyError(f"there are no derivatives here{why}")
+    rows = np.array([np.full_like(known, np.nan) if entry is None else entry for entry in differences])
+    best, error = extrapolated(np.array(steps), rows)
+    if not np.isfinite(error):
+        raise StudyError(f"there are no derivatives here{why}")
     return best, error
 
+
+def extrapolated(steps: Array, differences: Array) -> tuple[Array, float]:
+    """Return central differences (levels, n) by falling steps (levels,) at step 0, and their error; both nan where not known.
+
+    By Ridders: polynomials in h^2 through ever more of them; the one that agrees best with those before it, over all n. Levels
+    that are nan are none.
+    """
+    before, best, error = list[Array](), np.full(differences.shape[1:], np.nan), np.nan
+    for at, difference in enumerate(differences):
+        if np.isnan(difference).any():
+            before = []
+            continue
+        row = [difference]
+        for back, known in enumerate(before, 1):
+            factor = float(steps[at - back] / steps[at]) ** 2
+            row.append((factor * row[-1] - known) / (factor - 1.0))
+        for last, new, other in zip(row, row[1:], before, strict=False):
+            off = max(float(np.abs(new - last).max(initial=0.0)), float(np.abs(new - other).max(initial=0.0)))
+            if not off >= error:
+                best, error = new, off
+        before = row
+    return best, error

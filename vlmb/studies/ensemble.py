@@ -16,7 +16,7 @@ from vlmb.scene.renumbered import renumbered
 from vlmb.scene.scene import Scene
 from vlmb.simulation.simulate import run_system, sample_times, simulate
 from vlmb.simulation.trajectory import Trajectory
-from vlmb.studies.reductions import Kept, history
+from vlmb.studies.reductions import Kept, history_at
 from vlmb.system.pace import require_data
 from vlmb.system.system import System, make_system
 
@@ -77,12 +77,12 @@ class Ensemble:
         except VlmbError:
             return None  # a run says it
 
-    def trajectory(self, changes: Mapping[str, Any]) -> Trajectory:
-        """Simulate the scene with changes: the same as `simulate(scene.changed_at(changes))`, bit for bit."""
+    def trajectory(self, changes: Mapping[str, Any], times: Array | None = None) -> Trajectory:
+        """Simulate the scene with changes, or at other times: as `simulate(scene.changed_at(changes))` does, bit for bit."""
         scene = renumbered(self.task.scene, changes) if self.system is not None else None
         if scene is None or self.system is None:
-            return simulate(self.task.scene.changed_at(changes), t_eval=self.given)
-        return run_system(self.system.with_numbers(scene), self.times)
+            return simulate(self.task.scene.changed_at(changes), t_eval=self.given if times is None else times)
+        return run_system(self.system.with_numbers(scene), self.times if times is None else times)
 
     def shard(self, rows: Sequence[Sequence[Any]]) -> Shard:
         """Run the rows. A run that fails is a row with its status and message."""
@@ -106,7 +106,7 @@ class Ensemble:
                     message[k] += f" {entry.name}: {error}"
             count = int(np.searchsorted(self.times, trajectory.t[-1], side="right"))
             for j, name in enumerate(task.histories):
-                histories[j, k, :count] = history(trajectory, name)[:count]
+                histories[j, k, :count] = history_at(trajectory, name, self.times[:count])
         return Shard(numbers, histories, tuple(status), tuple(message), tuple(doubts))
 
 

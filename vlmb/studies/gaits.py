@@ -19,6 +19,7 @@ from vlmb.scene.scene import Scene, as_scene
 from vlmb.simulation.simulate import simulate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.simulation.until import read_until
+from vlmb.studies.beside import unlike
 from vlmb.studies.derivatives import jacobian
 from vlmb.studies.feet import Feet
 from vlmb.studies.runs import tightened
@@ -224,12 +225,18 @@ class _Step:
 
     def derivatives(self, u: Array) -> tuple[Array, float]:
         """Return the derivatives (m, m) of what comes back, and their relative error: so far do steps of many sizes agree."""
-        why = ""
+        why, middle, others = "", self.run(u).turns, list[str]()
+
+        def beside(at: Array) -> Array:
+            found = self.run(at)
+            others.append(unlike(middle, found.turns))
+            return self.back(found)
+
         for nearer in NEARER:
             try:
-                matrix, error = jacobian(lambda at: self.back(self.run(at)), u, nearer * self.scales)
+                matrix, error = jacobian(beside, u, nearer * self.scales)
             except StudyError as failed:
-                why = str(failed)
+                why = next((other for other in reversed(others) if other), str(failed))
                 continue
             if error < KNOWN or nearer == NEARER[-1]:
                 return matrix, error

@@ -105,6 +105,14 @@ def history(trajectory: Trajectory, name: str) -> Array:
         raise type(error)(f"{error}; or {', '.join(others[:12])}" if others else str(error)) from None
 
 
+def history_at(trajectory: Trajectory, name: str, times: Array) -> Array:
+    """Return a history (N,) at samples that were asked for.
+
+    Contacts have samples of their own at the instants of events, before and after: at such a time it is the one after.
+    """
+    return history(trajectory, name)[np.searchsorted(trajectory.t, times, side="right") - 1]
+
+
 def require_known(kept: Sequence[Kept], histories: Sequence[str], names: Any, others: Callable[[], Sequence[str]]) -> None:
     """Raise SceneError for a quantity that the scene does not have."""
     for name in [*(entry.quantity for entry in kept if entry.function is None), *histories]:

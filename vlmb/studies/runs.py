@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from vlmb.model.mechanism import build
 from vlmb.scene.keys import changed_data
 from vlmb.scene.scene import Scene
 from vlmb.simulation.methods import find_method
+from vlmb.simulation.phases import Turn
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies.ensemble import Ensemble, Task
-from vlmb.studies.reductions import history
+from vlmb.studies.reductions import history_at
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 
@@ -23,6 +24,13 @@ Array = NDArray[np.float64]
 
 TIGHT, STIFF = (1e-12, 1e-14), (1e-10, 1e-12)  # rtol and atol; of stiff methods
 LEAST = 0.1  # size of a start value or a parameter that is nearly 0
+
+
+class Ran(NamedTuple):
+    """What is looked at of a run: histories (names, N), and where it began anew."""
+
+    values: Array
+    turns: tuple[Turn, ...]
 
 
 class Runs:
@@ -33,16 +41,20 @@ class Runs:
         self.scene = tightened(scene, float(times[-1]))
         self.ensemble = Ensemble(Task(self.scene, self.keys, (), (), ""), times)
 
-    def trajectory(self, values: Sequence[float] | Array) -> Trajectory:
-        """Run with values of the keys."""
-        return self.ensemble.trajectory(dict(zip(self.keys, map(float, values), strict=True)))
+    def trajectory(self, values: Sequence[float] | Array, times: Array | None = None) -> Trajectory:
+        """Run with values of the keys; `times`: other samples."""
+        return self.ensemble.trajectory(dict(zip(self.keys, map(float, values), strict=True)), times)
+
+    def ran(self, values: Sequence[float] | Array, times: Array | None = None) -> Ran:
+        """Return histories and turns. Raises SimulationError for a run that ends before its last sample."""
+        found, times = self.trajectory(values, times), self.times if times is None else times
+        if found.t[-1] < times[-1]:
+            raise SimulationError(f"a run ends before its last sample: {found.message}")
+        return Ran(np.array([history_at(found, name, times) for name in self.names]), found.turns)
 
     def histories(self, values: Sequence[float] | Array) -> Array:
         """Return the histories (names, N). Raises SimulationError for a run that ends before its last sample."""
-        found = self.trajectory(values)
-        if len(found.t) < len(self.times) or found.t[-1] < self.times[-1]:
-            raise SimulationError(f"a run ends before its last sample: {found.message}")
-        return np.array([history(found, name)[: len(self.times)] for name in self.names])
+        return self.ran(values).values
 
 
 def tightened(scene: Scene, duration: float) -> Scene:

@@ -13,9 +13,9 @@ from vlmb.errors import SceneError, SimulationError, StudyError
 from vlmb.model.mechanism import build
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.simulation.simulate import sample_times
-from vlmb.studies.derivatives import jacobian
+from vlmb.studies.beside import slope
 from vlmb.studies.packages import need
-from vlmb.studies.runs import Runs, size_of, value_at
+from vlmb.studies.runs import Runs, value_at
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,8 @@ def sensitivities(
     """Return the derivatives of histories by numbers of a scene as an xarray.Dataset: a variable for each of `of`.
 
     Each has the dimensions `parameter` (the keys `to`) and t. They are differences of runs with tight tolerances, extrapolated
-    to none; `attrs["error"]` is what is left, relative to the largest of a parameter. Runs go through breaks and switches.
+    to none; `attrs["error"]` is what is left, relative to the largest of a history. They go through events, breaks and switches,
+    whose times change with a number as well: runs are compared event by event. At an event it is the derivative after it.
 
     Parameters
     ----------
@@ -38,7 +39,8 @@ def sensitivities(
     of : names of histories, as in `sweep`
     t_eval : (N,) [s]; default: the samples of the scene's run
 
-    Raises SceneError for wrong names, StudyError where a history is no smooth function of a number, as where a run ends early.
+    Raises SceneError for wrong names; StudyError for a run that ends early, for an event that grazes or comes together with
+    another, by name, and where a history is no smooth function of a number.
     """
     xarray, scene = need("xarray"), as_scene(scene)
     for what, names in (("to", to), ("of", of)):
@@ -55,12 +57,9 @@ def sensitivities(
 
 def derivatives(runs: Runs, values: Array) -> tuple[Array, float]:
     """Return the derivatives (N, names, keys) of histories at values (keys,), and their relative error."""
-    sizes = np.array([size_of(key, value) for key, value in zip(runs.keys, values, strict=True)])
     try:
-        middle = runs.histories(values)
+        middle = runs.ran(values)
     except SimulationError as ended:
         raise StudyError(f"sensitivities: {ended}") from None
-    floor = 1e-6 * max(float(np.abs(middle).max()), 1e-300)
-    count = len(values)
-    flat, error = jacobian(lambda z: runs.histories(values + sizes * z).ravel(), np.zeros(count), np.ones(count), floor=floor)
-    return np.moveaxis((flat / sizes).reshape(*middle.shape, count), 1, 0), error
+    slopes = [slope(runs, values, k, middle) for k in range(len(values))]
+    return np.array([found for found, _ in slopes]).transpose(2, 1, 0), max(error for _, error in slopes)

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.contacts import SLOW
 from vlmb.core.opcodes import PARAMETER, TIME, VALUE, Buffers, make_buffers
 from vlmb.core.tape import jets, prepare, read_leaves
 from vlmb.errors import SceneError
@@ -26,7 +27,7 @@ from vlmb.scene.contacts import surface_of
 from vlmb.scene.expressions import Expression, parse
 from vlmb.scene.legs import parameter, place_names
 from vlmb.scene.names import PHASE_START
-from vlmb.scene.scene import Scene
+from vlmb.scene.scene import Scene, with_values
 from vlmb.scene.tables import BASE, Contact, Force
 from vlmb.system.events import Event
 from vlmb.system.ski_contact import Edge, Heading
@@ -41,6 +42,7 @@ CLOSED = (HELD, SLIDING, RESTING)  # with rows, or with those of others
 UNDER = 1e-12  # [m] a gap that counts as none where a phase begins
 ROUNDED = 1e-14  # [m] what rounding makes of a gap: one that opens at a speed of nothing would touch again in the same instant
 STILL = 1e-9  # [m/s] a speed that counts as none
+TURNING = 10.0 * SLOW  # [m/s] the speed of a contact at a right angle to where it slid, with which it turns and does not stop
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
 ZERO: Vector = (0.0, 0.0, 0.0)
 PLAIN = {"x": 0, "y": 1, "z": 2}  # surfaces whose rows across are coordinates of the point
@@ -323,20 +325,18 @@ def phase_scene(
     where the rows of it are not wanted. Raises SceneError where two programmes that act at once do not go together.
     """
     closed = closed_names(points, footings) if closed is None else closed
-    made: Scene = msgspec.Struct.__copy__(scene)  # type: ignore[attr-defined]
     rows = [text for point, at in zip(points, footings, strict=True) for text in point.row_texts(at)]
     numbers = {name: value for point, at in zip(points, footings, strict=True) for name, value in point.numbers(at).items()}
     changes: dict[str, object] = {
         "constraints": (*scene.constraints, *rows), "parameters": {**scene.parameters, **numbers, PHASE_START: began},
         "programme": None if bare else programme_at(scene, closed), "programmes": (),
-        "forces": () if bare else tuple(_always(force) for force in scene.forces if acts(force, closed)),
+        "forces": () if bare else tuple(always(force) for force in scene.forces if acts(force, closed)),
     }  # fmt: skip
-    for name, value in changes.items():
-        msgspec.structs.force_setattr(made, name, value)
-    return made
+    return with_values(scene, changes)
 
 
-def _always(force: Force) -> Force:
+def always(force: Force) -> Force:
+    """Return a force that does not go by phases."""
     return msgspec.structs.replace(force, closed=(), open=()) if is_conditional(force) else force
 
 

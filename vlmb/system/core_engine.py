@@ -28,6 +28,7 @@ from vlmb.core.driver import (
 from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
 from vlmb.core.row_arrays import PROJECTION, WORTH, WORTH_BOUND, parts, sizes_of
 from vlmb.core.sliding import ANSWER, FOUND, MODE, MU, NORMAL, SLIDES
+from vlmb.core.tree import AT_P
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
@@ -249,7 +250,14 @@ class CoreEngine:
         self._question(t, moving)
         moving[self.velocities] = y[self.velocities]
         moving[places] += self.single.slope[places]
-        return moving
+        return self.tidied(moving)
+
+    def tidied(self, y: Array) -> Array:
+        """Return a copy of y with its directions of unit length."""
+        found = np.array(y)
+        for at in self.plan.arrays.tree.link[:, AT_P].tolist():
+            found[at : at + 3] /= np.linalg.norm(found[at : at + 3])
+        return found
 
     def _question(self, t: float, y: Array) -> None:
         """Evaluate at (t, y) under the forces that the control gave last."""

@@ -25,7 +25,7 @@ from vlmb.model.quantities import QuantityTable, allowed_names
 from vlmb.model.reading import Postures
 from vlmb.model.tape import CompiledTape, compile_tape
 from vlmb.scene.by_phase import numbers_of
-from vlmb.scene.expressions import Equation, Expression, fold, parse_equation
+from vlmb.scene.expressions import Equation, Expression
 from vlmb.scene.names import PHASE_START, listed
 from vlmb.scene.tables import BOUNCE, Run
 from vlmb.system.constraints import ConstraintSet
@@ -40,7 +40,6 @@ from vlmb.system.events import (
     FALLING,
     LIMIT,
     LINE_UP,
-    NAMED,
     OPENS,
     QUIET,
     REARMS,
@@ -50,6 +49,7 @@ from vlmb.system.events import (
     SWITCH,
     TOUCHES,
     Event,
+    events_of,
 )  # fmt: skip
 from vlmb.system.friction import FRICTION_EVENTS
 from vlmb.system.point_forces import lengths_of, scene_forces, singular_lengths
@@ -59,7 +59,6 @@ from vlmb.system.ski_contact import ALONG, EDGE, Edge, ski_rows
 from vlmb.system.springs import DirectionSpring
 
 Array = NDArray[np.float64]
-WAYS = {"down": FALLING, "up": RISING, "both": BOTH_WAYS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +209,8 @@ def make_core_plan(
     looks = [] if contacts is None else contacts.looks
     roots += [] if contacts is None else [*contacts.roots, *(look.expression for look in looks)]
     named = len(roots)
-    roots += named_events(mechanism)
-    roots += [] if until is None else [until]
+    asked, own = events_of(scene, allowed_names(mechanism.names, numbers_of(scene), mechanism.signals), until, ends_at)
+    roots += asked
     pushing = [*acting, *(control_channels(mechanism) if programme is not None else ())]
     reaches = bool(driven) and any(force.kind in ("point", STORED, LOST) for force in pushing)
     slides = scene.base.friction > 0.0 and not watching and not scene.base.lift
@@ -224,18 +223,11 @@ def make_core_plan(
     if contacts is not None:
         light = LIGHT * total_mass(mechanism) * (scene.gravity or 1.0)
         tape = _watch_contacts(contacts, looks, compiled, seen, light, watch, bounds, events)
-    for k, event in enumerate(scene.events):
-        watch.append((core.SWITCH, len(tape.switch) + k))
-        bounds.append((1.0, 0.0))
-        ends = f"{event.name}: {event.when}" if event.end or event.name == ends_at else ""
-        events.append(Event(NAMED, WAYS[event.direction], event.name, ends))
-    if scene.events:
-        tape = _with_switches(tape, range(named, named + len(scene.events)))
-    if until is not None:
-        watch.append((core.SWITCH, len(tape.switch)))
-        bounds.append((1.0, 0.0))
-        events.append(Event(NAMED, FALLING, until.text, f"{until.text} fell through 0"))
-        tape = _with_switches(tape, [len(roots) - 1])
+    if asked:
+        watch += [(core.SWITCH, len(tape.switch) + k) for k in range(len(asked))]
+        bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
+        events += own
+        tape = _with_switches(tape, range(named, named + len(asked)))
     timed = any(root.names & {"t", *table.signals} for root in roots)
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
@@ -253,16 +245,6 @@ def make_core_plan(
         mechanism, arrays, plant, table, compiled, tuple(springs), tuple(laws), tuple(acting), tuple(events), names,
         programme.names if programme is not None else (), programme, contacts, seen,
     )  # fmt: skip
-
-
-def named_events(mechanism: Mechanism) -> list[Expression]:
-    """Return the expressions, left - right, of the events of a scene. Raises ExpressionError."""
-    allowed, found = allowed_names(mechanism.names, numbers_of(mechanism.scene), mechanism.signals), list[Expression]()
-    for index, event in enumerate(mechanism.scene.events):
-        equation = parse_equation(event.when, f"events[{index}].when", allowed)
-        tree = fold("-", [equation.left.tree, equation.right.tree])
-        found.append(Expression(equation.text, equation.names, f"events[{index}].when", tree))
-    return found
 
 
 def _watch_contacts(

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
+
+from vlmb.scene.expressions import Expression, fold, parse_equation
+from vlmb.scene.tables import SceneTables
 
 # kinds of events; QUIET never happens; GRIP: a ski stops, slips; CONTACT: one touches, opens, slips, sticks; NAMED: of the scene
 LIMIT, FALL, SWITCH, LINE_UP, DEPENDENT, QUIET, GRIP, CONTACT, NAMED = range(9)
@@ -11,6 +15,7 @@ FALLING, BOTH_WAYS, RISING = -1.0, 0.0, 1.0
 TOUCHES, OPENS, SLIPS, STICKS, REARMS, BOUNCES = "touch", "open", "slip", "stick", "rearm", "bounce"
 LETS_GO, TIPS = "let go", "tip"  # of a leg: its spring no longer pushes, its force leaves the cone of friction
 HAPPENS = "event"  # kind of one of the scene, as it is told
+WAYS = {"down": FALLING, "up": RISING, "both": BOTH_WAYS}
 TOLD = {LIMIT: "limit", FALL: "fall", SWITCH: "switch", LINE_UP: "line_up", NAMED: HAPPENS}
 IN_LINE = 1e-6  # sine of an angle below which two directions line up
 
@@ -30,3 +35,23 @@ class Event(NamedTuple):
     def ends(self) -> bool:
         """Whether it ends a run, or a phase, wherever it happens: a limit, a fall, a contact's."""
         return self.kind in (LIMIT, FALL, CONTACT)
+
+
+def events_of(
+    scene: SceneTables, allowed: Collection[str], until: Expression | None, ends_at: str
+) -> tuple[list[Expression], tuple[Event, ...]]:
+    """Return the expressions, left - right, of the events of a scene and of `until`, and what is looked for of each.
+
+    A run ends where `until` falls through 0, and at the event `ends_at`. Raises ExpressionError.
+    """
+    found, events = list[Expression](), list[Event]()
+    for index, event in enumerate(scene.events):
+        equation = parse_equation(event.when, f"events[{index}].when", allowed)
+        tree = fold("-", [equation.left.tree, equation.right.tree])
+        found.append(Expression(equation.text, equation.names, f"events[{index}].when", tree))
+        ends = f"{event.name}: {event.when}" if event.end or event.name == ends_at else ""
+        events.append(Event(NAMED, WAYS[event.direction], event.name, ends))
+    if until is not None:
+        found.append(until)
+        events.append(Event(NAMED, FALLING, until.text, f"{until.text} fell through 0"))
+    return found, tuple(events)

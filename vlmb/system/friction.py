@@ -43,8 +43,8 @@ def refuse_lift(normal: float, answer: float, mu: float) -> None:
 
 
 def indicators_of(found: Array, mu: float, speed: float, rate: float) -> Array:
-    """Return values and rates (2, 4) of the events of friction; see `look_at_ski` of the core."""
-    values = np.array([[1.0, 1.0, found[NORMAL], 1.0 - mu * abs(found[ANSWER])], np.zeros(4)])
+    """Return values and rates (2, 4; nan: not known) of the events of friction; see `look_at_ski` of the core."""
+    values = np.array([[1.0, 1.0, found[NORMAL], 1.0 - mu * abs(found[ANSWER])], np.full(4, np.nan)])
     if found[SLIDES]:
         values[:, 0] = speed, rate
     else:

@@ -159,6 +159,12 @@ class PinocchioEngine:
         moving[:nq] = pin.integrate(model, pin.normalize(model, y[:nq]), change)
         return moving
 
+    def tidied(self, y: Array) -> Array:
+        """Return a copy of y with its quaternions of unit length."""
+        found = np.array(y)
+        found[: self.workspace.nq] = pin.normalize(self.workspace.mechanism.model, y[: self.workspace.nq])
+        return found
+
     @property
     def velocities(self) -> slice:
         """Where the velocities stand in a state."""
@@ -194,7 +200,7 @@ class PinocchioEngine:
         jets = self.memory.buffers.slots[self.watch.plant.tape.root[self.watch.seen : self.watch.seen + count]].reshape(-1, 4, 3)
         solver = self.workspace.solver
         indicators[VALUE, self.gripping] = slips.indicators(t, jets, solver.multipliers[solver.held :], y)
-        indicators[RATE, self.gripping] = 0.0
+        indicators[RATE, self.gripping] = np.nan
 
     def hold_inputs(self, values: Sequence[float] | Array) -> None:
         """Let forces from outside have these values (S,), where no control is asked for them."""

@@ -116,7 +116,7 @@ class RobotContacts(Slips):
             if footing.state == RESTING:
                 continue
             if footing.state in CLOSED:
-                found += [(next(closed), 0.0) for _ in range(1 + point.contact.slips)]
+                found += [(next(closed), np.nan) for _ in range(1 + point.contact.slips)]
             else:
                 found.append((float(jets[point.index, 3, 0]), float(jets[point.index, 3, 1])))
         return np.array(found, float).reshape(-1, 2).T

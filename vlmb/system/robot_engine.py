@@ -30,6 +30,7 @@ from vlmb.core.driver import (
 from vlmb.core.readings import ELEVATION, HEADING, measure
 from vlmb.errors import SceneError, VlmbError
 from vlmb.model.layout import State
+from vlmb.scene.by_phase import programmes_of
 from vlmb.system import interrupts
 from vlmb.system.contacts import ContactLook
 from vlmb.system.events import FALLING, LIMIT, Event
@@ -82,9 +83,8 @@ class RobotEngine:
         self.errors: list[VlmbError] = []
         self.asked: list[Array] = []
         self.failed_by: BaseException | None = None
-        programme = system.mechanism.scene.programme
         self.friction = self.workspace.friction
-        self.limits = _Limits(system, programme is not None and programme.limits == "stop")
+        self.limits = _Limits(system, any(part.limits == "stop" for _, part in programmes_of(system.mechanism.scene)))
         self.branching = [k for k, row in enumerate(self.workspace.readings.kind.tolist()) if row[0] in (HEADING, ELEVATION)]
 
     @cached_property
@@ -92,9 +92,7 @@ class RobotEngine:
         """What is looked for after every step."""
         contacts = self.workspace.contacts
         rubbed, touching = () if self.friction is None else FRICTION_EVENTS, () if contacts is None else contacts.events
-        until = self.system.until
-        asked = () if until is None else (Event(LIMIT, FALLING, until.text, f"{until.text} fell through 0", slack=0.0),)
-        return (*self.limits.events, *rubbed, *touching, *asked)
+        return (*self.limits.events, *rubbed, *touching, *self.system.events)
 
     @property
     def velocities(self) -> slice:
@@ -186,8 +184,9 @@ class RobotEngine:
             found.append(indicators_of(self.friction.found, self.friction.mu, speed, rate))
         if space.contacts is not None:
             found.append(space.contacts.look(t, space.q, space.v, dy[self.velocities], space.multipliers))
-        if self.system.until is not None:
-            found.append(np.array([[space.laws[-1]], [0.0]]))
+        count = len(self.system.events)
+        if count:
+            found.append(np.array([space.laws[len(space.laws) - count :], np.full(count, np.nan)]))
         return np.hstack(found)
 
     def look_at_contacts(self, t: float, y: Array) -> ContactLook:
@@ -230,6 +229,10 @@ class RobotEngine:
         moving, nq = np.array(y), self.workspace.nq
         moving[:nq] = pin.integrate(self.workspace.model, pin.normalize(self.workspace.model, y[:nq]), change)
         return moving
+
+    def tidied(self, y: Array) -> Array:  # pragma: no cover
+        """Return a copy of y with its quaternions of unit length; nothing asks for it here."""
+        raise NotImplementedError
 
     def look_at(self, worth: float) -> None:
         """Nothing is looked at more closely."""

@@ -134,9 +134,19 @@ def drives_of(mechanism: RobotMechanism) -> tuple[Prescribed, ...]:
             segment = link.segment(which)
             if segment.motion == "prescribed":
                 joint = model.joints[model.getJointId(f"{link.name}.{side}")]
-                law = time_law(segment.law or 0.0, scene.parameters, f"links[{at}].{side}.law", mechanism.signals)
+                law = time_law(segment.law or 0.0, numbers_of(scene), f"links[{at}].{side}.law", mechanism.signals)
                 found.append(Prescribed(f"xi{at + 1}_{which}", f"F{at + 1}_{which}", joint.idx_q, joint.idx_v, law))
     return tuple(found)
+
+
+def ties_of(mechanism: RobotMechanism) -> dict[str, str]:
+    """Return the equations of joints that mimic others, by the names of their rows."""
+    names = {mechanism.model.names[entry.joint]: entry.name for entry in mechanism.names.entries}
+    found = {}
+    for tie in mechanism.robots.ties:
+        turned = f"{tie.multiplier!r}*{names[tie.other]} + " if tie.other else ""
+        found[f"mimic:{names[tie.joint]}"] = f"{names[tie.joint]} = {turned}{tie.offset!r}"
+    return found
 
 
 def row_of(drive: Prescribed) -> str:

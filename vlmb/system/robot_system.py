@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import msgspec
 import numpy as np
@@ -22,25 +22,35 @@ from vlmb.model.names import AXES
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import RobotForce
 from vlmb.model.tape import CompiledTape, compile_tape
-from vlmb.scene.by_phase import numbers_of
+from vlmb.scene.by_phase import goes_by_phase, numbers_of, programme_at, programmes_of
 from vlmb.scene.expressions import Expression, parse_equation
 from vlmb.scene.names import DAMPERS
 from vlmb.scene.rows import rows_of
+from vlmb.scene.scene import Scene, with_values
 from vlmb.scene.tables import Posture, Run
 from vlmb.system.constraints import Constraint
-from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, contact_points, phase_scene, work_names_of
+from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, always, contact_points, phase_scene, work_names_of
 from vlmb.system.core_rows import gain_table
+from vlmb.system.events import Event, events_of
 from vlmb.system.gains import MovingGains, require_decay
 from vlmb.system.prescribed import Prescribed, breaks_of_law, require_inside
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
-from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of
+from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of, ties_of
 from vlmb.system.robot_programme import make_robot_plan, posture_of, read_moving_gains
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 KEPT = ("robots", "names", "table", "roots", "reference", "_readings")  # of a mechanism, whatever phase it is in
+
+
+class OfPhases(NamedTuple):
+    """What results tell of all phases of a run."""
+
+    rows: tuple[Constraint, ...]  # of programmes
+    forces: tuple[RobotForce, ...]  # by law, then inputs, then controls
+    controls: tuple[str, ...]  # names
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +78,10 @@ class RobotSystem:
     along: Integers
     gains: Array  # (rows, 3 rows) of z, z' and drift: what W vdot shall be
     seen: Integers  # (contacts, 3) quantities that are their points' x, y, z; -1 where there is none
+    own: OfPhases  # of all phases: what results tell
+    events: tuple[Event, ...] = ()  # of the scene, then that of `until`; their expressions are the last laws
     until: Expression | None = None  # a run ends where it falls through 0
+    ends_at: str = ""  # the event of the scene at which a run ends
     contacts: PhaseContacts | None = None  # of a phase
     mover: Callable[[RobotSystem, Sequence[Any], Any], Any] | None = None  # makes its engine: (system, branch, control)
 
@@ -80,7 +93,7 @@ class RobotSystem:
     @property
     def eliminated(self) -> int:
         """Rows that are held by reactions: they come first."""
-        return self.first_drive + len(self.drives) + len(self.mechanism.scene.constraints)
+        return self.first_drive + len(self.drives) + len(self.mechanism.robots.ties) + len(self.mechanism.scene.constraints)
 
     @property
     def knife_edge(self) -> int:
@@ -89,7 +102,7 @@ class RobotSystem:
 
     @property
     def first_drive(self) -> int:
-        """Place of the first row of a length that follows a law; ideal rows stand behind these."""
+        """Place of the first row of a length that follows a law; joints that mimic others, then ideal rows stand behind these."""
         return self.knife_edge + self.on_ski
 
     @property
@@ -99,8 +112,8 @@ class RobotSystem:
 
     @property
     def prescribed(self) -> tuple[Prescribed, ...]:
-        """Lengths by laws that go by when a phase began: none with robots."""
-        return ()
+        """Lengths by laws."""
+        return self.drives
 
     @property
     def servo(self) -> int:
@@ -111,7 +124,7 @@ class RobotSystem:
     def named(self) -> tuple[RobotForce, ...]:
         """Forces that results tell: those by law that are no springs and not of the air, inputs, controls."""
         springs = {at for at, _ in self.elastic}
-        return tuple(force for at, force in enumerate(self.forces) if at not in springs and force.name != DRAG)
+        return tuple(force for at, force in enumerate(self.own.forces) if at not in springs and force.name != DRAG)
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
@@ -145,14 +158,13 @@ class RobotSystem:
 
     def with_inputs(self, names: Sequence[str]) -> RobotSystem:
         """Return the same system with forces from outside, by name."""
-        made = make_robot_system(self.mechanism, self.run, names, self.until)
+        made = make_robot_system(self.mechanism, self.run, names, self.until, self.ends_at)
         return dataclasses.replace(made, contacts=self.contacts, mover=self.mover)
 
     def commanded(self, names: Sequence[str]) -> RobotSystem:
         """Return the same system without a programme, with forces from outside in its place."""
-        scene: Any = msgspec.structs.replace(self.mechanism.scene, programme=None)
-        made = dataclasses.replace(self.mechanism, scene=scene)
-        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
+        scene = with_values(self.mechanism.scene, {"programme": None, "programmes": ()})
+        made = with_scene(self.mechanism, scene)
         return dataclasses.replace(make_robot_system(made, self.run, names), mover=self.mover)
 
     def moved_by(self, mover: Callable[[RobotSystem, Sequence[Any], Any], Any]) -> RobotSystem:
@@ -169,18 +181,20 @@ class RobotSystem:
     ) -> RobotSystem:
         """Return the system of a phase, compiled anew; see `phase_scene`. Its work states are those of this one."""
         scene = self.mechanism.scene
-        made = dataclasses.replace(self.mechanism, scene=phase_scene(scene, self.points, footings, bare, began, closed))
-        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in KEPT})
+        made = with_scene(self.mechanism, phase_scene(scene, self.points, footings, bare, began, closed))
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
-        system = make_robot_system(made, self.run, None if bare else self.inputs or None, None if bare else self.until)
+        given = (None, None) if bare else (self.inputs or None, self.until)
+        system = make_robot_system(made, self.run, *given, self.ends_at)
         return dataclasses.replace(system, contacts=contacts, mover=self.mover)
 
 
 def make_robot_system(
     mechanism: RobotMechanism, run: Run | None = None, inputs: Sequence[str] | None = None, until: Expression | None = None,
-    **options: Any,
+    ends_at: str = "", **options: Any,
 ) -> RobotSystem:  # fmt: skip
-    """Compile all that acts on a mechanism with robots; a run ends where `until` falls through 0.
+    """Compile all that acts on a mechanism with robots; a run ends where `until` falls through 0, or at the event `ends_at`.
+
+    Of what goes by phases that acts which does while no contact is closed; `RobotSystem.phase` has the others.
 
     Raises SceneError for what is wrong with it.
     """
@@ -190,12 +204,14 @@ def make_robot_system(
         raise SceneError("run.engine = 'core': scenes with robots run on 'pinocchio' ('auto')")
     if run.knife_edge == "projection":
         raise SceneError("run.knife_edge = 'projection': with robots there are 'reduction' and 'multiplier'")
-    quantities, programme = Quantities(mechanism), scene.programme
+    quantities, programme = Quantities(mechanism), programme_at(scene)
     names = mechanism.allowed
     welds, edges, held = _frames_held(quantities)
-    rows = rows_of(scene)
+    rows = rows_of(scene if programme is scene.programme else with_values(scene, {"programme": programme, "programmes": ()}))
     drives = drives_of(mechanism)
+    ties = ties_of(mechanism)
     equations = [parse_equation(row_of(drive), "links", names) for drive in drives]
+    equations += [parse_equation(text, "robots", names) for text in ties.values()]
     equations += [parse_equation(row.equation, row.key, names) for row in (*rows.ideal, *rows.servo, *rows.secondary)]
     roots, forces, elastic = laws_of(quantities, names)
     laws = len(forces)
@@ -204,14 +220,16 @@ def make_robot_system(
     forces += controls
     along = np.array([_along(quantities, force) for force in forces], np.int64)
     moving = MovingGains() if programme is None else read_moving_gains(mechanism, programme, controls, names)
-    roots += [*moving.laws, *([] if until is None else [until])]
+    asked, events = events_of(scene, names, until, ends_at)
+    roots += [*moving.laws, *asked]
     compiled = compile_tape([*equations, *roots], quantities.resolve, mechanism.signals.pieces)
     parameters = parameter_values(numbers_of(scene))
     info = [Constraint(name, not name.startswith("edge:"), False, frozenset(), False) for name in held]
     if scene.base.kind == "ski":
         info.append(Constraint("knife_edge", False, False, frozenset(), False))
     info += [Constraint(drive.force, True, False, frozenset(), True) for drive in drives]
-    ideal, servo, own = len(info) + len(rows.ideal), len(rows.servo), slice(len(drives), len(equations))
+    info += [Constraint(name, True, False, frozenset(), False) for name in ties]
+    ideal, servo, own = len(info) + len(rows.ideal), len(rows.servo), slice(len(drives) + len(ties), len(equations))
     every = zip((*rows.ideal, *rows.servo, *rows.secondary), equations[own], compiled.rows[own], strict=True)
     for row, equation, facts in every:
         if not facts.moves:
@@ -233,11 +251,33 @@ def make_robot_system(
     if scene.base.kind == "ski" and run.knife_edge == "reduction":  # it begins at 0 and stays there
         law[len(held)] = 0.0
     posture = None if programme is None or programme.u0 is not None else posture_of(programme)
+    told = _of_phases(mechanism, run, inputs) if goes_by_phase(scene) else None
+    told = told or OfPhases(tuple(first), tuple(forces), tuple(force.name for force in controls))
     return RobotSystem(
         mechanism, run, tuple(inputs or ()), tuple(info), welds, edges, held, tuple(forces), laws, tuple(elastic),
         segments_of(mechanism), drives, plan, posture, compiled, parameters, pack(parts), readings, along, law,
-        seen.reshape(-1, 3), until,
+        seen.reshape(-1, 3), told, events, until, ends_at,
     )  # fmt: skip
+
+
+def with_scene(mechanism: RobotMechanism, scene: Scene) -> RobotMechanism:
+    """Return a mechanism with a scene whose robots and links are those of its own."""
+    made = dataclasses.replace(mechanism, scene=scene)
+    made.__dict__.update({name: value for name, value in mechanism.__dict__.items() if name in KEPT})
+    return made
+
+
+def _of_phases(mechanism: RobotMechanism, run: Run, inputs: Sequence[str] | None) -> OfPhases:
+    """Collect what acts in some phase. Raises SceneError for a programme that is wrong by itself."""
+    scene = mechanism.scene
+    without = with_values(scene, {"programme": None, "programmes": (), "forces": tuple(map(always, scene.forces))})
+    bare = make_robot_system(with_scene(mechanism, without), run, inputs)
+    rows, controls = dict[str, Constraint](), dict[str, RobotForce]()
+    for _, part in programmes_of(scene):
+        alone = make_robot_system(with_scene(mechanism, phase_scene(scene, (), (), closed=part.closed)), run, inputs)
+        rows |= {row.text: row for row in alone.own.rows}
+        controls |= {force.name: force for force in alone.forces if force.name in alone.own.controls}
+    return OfPhases(tuple(rows.values()), (*bare.forces, *controls.values()), tuple(controls))
 
 
 def _seen(quantities: Quantities, name: str) -> int:

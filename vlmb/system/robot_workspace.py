@@ -78,7 +78,7 @@ class RobotWorkspace(RobotSolving):
             (self.bodies.joint[1 : self.joints, COUNT] == 1).all()
         )
         self.multipliers = np.zeros(self.eliminated)
-        behind = (0 if system.plan is None else len(system.plan.moving.laws)) + (system.until is not None)
+        behind = (0 if system.plan is None else len(system.plan.moving.laws)) + len(system.events)
         self.laws = np.zeros(system.laws + behind) if behind else self.values
         self.evaluations = 0
         self.lost = 0.0
@@ -235,8 +235,9 @@ class RobotWorkspace(RobotSolving):
         for k, value in enumerate(self.laws[: len(self.system.compiled.rows)].tolist()):
             if math.isfinite(value):
                 continue
-            if k >= self.system.laws and self.system.until is not None and k == len(self.laws) - 1:
-                bad.append(repr(self.system.until.text))
+            at = k - len(self.laws) + len(self.system.events)
+            if k >= self.system.laws and at >= 0:
+                bad.append(repr(self.system.events[at].name))
                 continue
             if k >= self.system.laws and self.system.plan is not None:
                 return self.system.plan.moving.failure(k - self.system.laws, value)

@@ -125,7 +125,8 @@ def meet_positions(
         return []
     names = [name for name in mechanism.layout.names if name not in followed]
     given = given_values(mechanism)
-    unset = [name for name in names if name not in given]
+    still = {"z"} if mechanism.layout.lifts else set()  # a ski stays on the snow, or above it
+    unset = [name for name in names if name not in {*given, *still}]
     search = Search(mechanism, dict(coordinates))
     start = dict(coordinates)
     _bring_azimuths_near(start, sets)
@@ -227,14 +228,16 @@ def meet_rates(
     if not sets:
         return []
     layout, given = mechanism.layout, given_values(mechanism)
-    places = {"x_dot", "y_dot"} if layout.edged else set()  # the speed stands for them
+    along = layout.edged or (layout.lifts and not {"x_dot", "y_dot"} & given.keys())  # a ski goes along itself
+    places = {"x_dot", "y_dot"} if along else set()  # the speed stands for them
     names = [name for name in rates if name.removesuffix("_dot") not in followed and name not in places]
     speed_given = any(name in given for name in ("speed", "x_dot", "y_dot"))
-    if layout.edged:
+    if along:
         names = ["speed", *names]
-    unset = [name for name in names if name not in given and not (name == "speed" and speed_given)]
+    still = {"speed"} if speed_given else set()
+    unset = [name for name in names if name not in {*given, *still, *(("z_dot",) if layout.lifts else ())}]
     before = dict(rates)
-    cosine, sine = (math.cos(coordinates["phi0"]), math.sin(coordinates["phi0"])) if layout.edged else (0.0, 0.0)
+    cosine, sine = (math.cos(coordinates["phi0"]), math.sin(coordinates["phi0"])) if along else (0.0, 0.0)
 
     def moved(changes: dict[str, float]) -> dict[str, float]:
         result = dict(rates)
