@@ -157,6 +157,10 @@ def test_every_public_name_is_on_the_api_page(site: Path, pages: dict[str, Found
         entry = getattr(vlmb, name)
         path = entry.__name__ + "." if inspect.ismodule(entry) else f"{entry.__module__}.{entry.__qualname__}"
         assert any(anchor.startswith(path) for anchor in known), f"{name} is missing in docs/api.md"
+    for entry in (vlmb.Mechanism, vlmb.Trajectory, vlmb.EquationsOfMotion):
+        for name in {name for name, member in vars(entry).items() if name[0] != "_" and inspect.getdoc(member)} - {"from_run"}:
+            path = f"{entry.__module__}.{entry.__qualname__}.{name}"
+            assert path in known, f"{path} is missing in docs/api.md"
     for name in ("show", "play", "export_html", "picture"):
         assert f"vlmb.views.view.{name}" in known
     text = (site / "api.html").read_text("utf-8")
