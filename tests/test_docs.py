@@ -176,16 +176,23 @@ def test_every_shipped_scene_is_in_the_gallery(site: Path, pages: dict[str, Foun
     assert {f"images/gallery/{name}.jpg" for name in scenes} <= set(pages["gallery.html"].loads)
 
 
-def test_the_notebook_ran_and_shows_its_results(site: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "pictures", "texts"),
+    [
+        ("skier", 4, ["energy balance", "<iframe srcdoc="]),
+        ("stability", 2, ["grows with", "asymptotically stable", "<iframe srcdoc="]),
+    ],
+)
+def test_notebooks_ran_and_show_their_results(site: Path, name: str, pictures: int, texts: list[str]) -> None:
     import nbformat
 
-    notebook = nbformat.read(ROOT / "docs" / "notebooks" / "skier.ipynb", as_version=4)
+    notebook = nbformat.read(ROOT / "docs" / "notebooks" / f"{name}.ipynb", as_version=4)
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(not cell.outputs and cell.execution_count is None for cell in code), "clear the outputs before committing"
-    page = (site / "notebooks" / "skier.html").read_text("utf-8")
+    page = (site / "notebooks" / f"{name}.html").read_text("utf-8")
     shown = page.split('<div class="notebook-output">')[1:]
     assert len(shown) == len(code) > 5
-    assert sum("data:image/png;base64," in part for part in shown) >= 4
-    assert "energy balance" in page and "<iframe srcdoc=" in page
+    assert sum("data:image/png;base64," in part for part in shown) >= pictures
+    assert all(text in page for text in texts)
     assert "<!-- output" not in page

@@ -116,9 +116,9 @@ def test_a_programme_whose_numbers_the_motion_gives(name: str) -> None:
 
 def gripper(tie: str, **robot: Any) -> dict[str, Any]:
     """Two fingers that slide sideways, 0.3 kg and 0.5 kg; the second one mimics the first."""
-    finger = """<link name="{0}_link"><inertial><mass value="{1}"/><inertia ixx="1e-3" iyy="1e-3"
-    izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{0}" type="prismatic"><parent link="palm"/><child link="{0}_link"/><axis xyz="1 0 0"/>{2}
-    <limit lower="-9" upper="9" effort="9" velocity="9"/></joint>"""
+    finger = """<link name="{0}_link"><inertial><mass value="{1}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0"
+    iyz="0"/></inertial></link><joint name="{0}" type="prismatic"><parent link="palm"/><child link="{0}_link"/>
+    <axis xyz="1 0 0"/>{2}<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>"""
     urdf = f'<robot name="hand"><link name="palm"/>{finger.format("one", 0.3, "")}{finger.format("two", 0.5, tie)}</robot>'
     parts = {"robots": [{"name": "hand", "urdf": urdf, **robot}], "forces": [{"on": "T_one", "law": "0.7"}]}
     return {"base": {"kind": "pivot"}, **parts, "run": {"duration": 1.0}}
