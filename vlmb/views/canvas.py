@@ -15,6 +15,19 @@ FIELD = 40.0  # [deg] angle of view, upwards
 NEAR = 0.02  # [m]
 SUN = np.array([-3.0, -4.0, 9.0]) / math.sqrt(106.0)
 ROWS = 60_000  # rows of triangles looked at in one go
+EVEN = np.uint32(0x00FF00FF)  # red and blue of a packed colour
+
+
+def packed(channels: Any) -> Any:
+    """Return red, green, blue (0 to 255), each a number or an array, as whole numbers of 32 bits."""
+    red, green, blue = (np.asarray(channel).astype(np.uint32) for channel in channels)
+    return red | (green << np.uint32(8)) | (blue << np.uint32(16))
+
+
+def unpacked(colours: Any) -> NDArray[np.uint8]:
+    """Return packed colours (h, w) as (h, w, 3)."""
+    parts = np.ascontiguousarray(colours.astype("<u4", copy=False)).view(np.uint8).reshape(*colours.shape, 4)
+    return np.ascontiguousarray(parts[..., :3])
 
 
 class Camera(NamedTuple):
@@ -51,23 +64,25 @@ class Camera(NamedTuple):
 
 
 class Canvas:
-    """Colours (h, w, 3) and nearness 1/depth (h, w) as seen by a camera; painted in any order."""
+    """Colours (h w), packed in whole numbers, and nearness 1/depth (h w) as seen by a camera; painted in any order."""
 
     def __init__(self, camera: Camera, width: int, height: int) -> None:
         self.camera, self.width, self.height = camera, width, height
         self.scale = 0.5 * height * camera.zoom / math.tan(math.radians(FIELD) / 2)
-        self.colours = np.zeros((height * width, 3), dtype=np.float32)
+        self.colours = np.zeros(height * width, dtype=np.uint32)
         self.nearness = np.zeros(height * width, dtype=np.float32)
 
     def pixels(self) -> NDArray[np.uint8]:
         """Return the picture (h, w, 3)."""
-        return np.clip(self.colours, 0.0, 255.0).astype(np.uint8).reshape(self.height, self.width, 3)
+        return unpacked(self.colours.reshape(self.height, self.width))
 
     def halved(self) -> NDArray[np.uint8]:
         """Return the picture at half its size, each pixel the mean of four."""
-        fine = self.colours.reshape(self.height, self.width, 3)
-        mean = 0.25 * (fine[0::2, 0::2] + fine[1::2, 0::2] + fine[0::2, 1::2] + fine[1::2, 1::2])
-        return np.clip(mean, 0.0, 255.0, out=mean).astype(np.uint8)
+        fine = self.colours.reshape(self.height, self.width)
+        four = [fine[row::2, column::2] for row in (0, 1) for column in (0, 1)]
+        even = sum((part & EVEN for part in four[1:]), four[0] & EVEN)  # sums of four bytes fit into two
+        odd = sum(((part >> 8) & EVEN for part in four[1:]), (four[0] >> 8) & EVEN)
+        return unpacked(((even >> 2) & EVEN) | (((odd >> 2) & EVEN) << 8))
 
     def ground(
         self, turn: Array, height: float, spacing: float, colours: tuple[Array, Array, Array, Array], reach: float
@@ -91,26 +106,26 @@ class Canvas:
             np.maximum(lines, cover * np.clip(2.0 - 4.0 * pixel, 0.0, 1.0), out=lines)
         far = 1.0 - np.exp(-((depth / np.float32(4.0 * reach)) ** 2))
         rise = np.clip(slope / np.sqrt(x * x + y * y + 1.0) / 0.4, 0.0, 1.0)
-        colour = np.empty((*hit.shape, 3), dtype=np.float32)
-        for k, (plane, line, haze, sky) in enumerate(zip(*colours, strict=True)):
+        channels = []
+        for plane, line, haze, sky in zip(*colours, strict=True):
             on = plane + lines * np.float32(line - plane)
-            colour[..., k] = np.where(hit, on + far * (haze - on), haze + rise * np.float32(sky - haze))
-        self._spread(colour, self.colours)
-        self._spread(np.where(hit, 1.0 / np.where(hit, depth, 1.0), 0.0)[..., None], self.nearness)
+            channels.append(np.where(hit, on + far * (haze - on), haze + rise * np.float32(sky - haze)))
+        self._spread(packed(channels), self.colours)
+        self._spread(np.where(hit, 1.0 / np.where(hit, depth, 1.0), 0.0), self.nearness)
 
     def _spread(self, coarse: Any, fine: Any) -> None:
         """Put an image of half the resolution into a fine one."""
-        fine.shape = (self.height, self.width, -1)
+        whole = fine.reshape(self.height, self.width)
         for row in (0, 1):
             for column in (0, 1):
-                part = fine[row::2, column::2]
+                part = whole[row::2, column::2]
                 part[:] = coarse[: part.shape[0], : part.shape[1]]
-        fine.shape = (self.height * self.width, 3) if coarse.shape[-1] == 3 else (self.height * self.width,)
 
     def shadows(self, triangles: Array, colour: Array) -> None:
         """Colour what triangles (n, 3, 3) on the ground cover; to be called before anything stands on it."""
-        for pixels, *_ in self._fragments(triangles):
-            self.colours[pixels] = colour
+        shade = packed(colour)
+        for pixels, *_ in self._fragments(triangles, covered=True):
+            self.colours[pixels] = shade
 
     def triangles(self, triangles: Array, colours: Array, lift: float | Array = 0.0) -> None:
         """Paint triangles (n, 3, 3) with colours at their corners (n, 3, 3), the nearest in front; `lift` (n) favours them."""
@@ -121,7 +136,8 @@ class Canvas:
             front = nearness == self.nearness[pixels]
             pixels, which, weights = pixels[front], which[front], weights[:, front]
             corners = colours[which]
-            self.colours[pixels] = sum(weights[k][:, None] * corners[:, k] for k in range(3))
+            mixed = sum(weights[k][:, None] * corners[:, k] for k in range(3))
+            self.colours[pixels] = packed(np.clip(mixed + 0.5, 0.0, 255.0).T)  # rounded
 
     def lines(self, lines: Array, colour: Array, width: float) -> None:
         """Paint lines (n, 2, 3), some pixels wide, as bands that face the camera."""
@@ -139,10 +155,10 @@ class Canvas:
         bands = np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
         self.triangles(bands, np.broadcast_to(colour, (*bands.shape[:2], 3)), 1e-3)
 
-    def _fragments(self, triangles: Array) -> Iterator[tuple[Whole, Whole, Array, Array]]:
+    def _fragments(self, triangles: Array, covered: bool = False) -> Iterator[tuple[Whole, Whole, Array, Array]]:
         """Pixels that triangles cover, some rows at a time: pixel, triangle, weights of the corners, nearness.
 
-        Corners are columns: numpy is slow along an axis of three.
+        `covered`: pixels alone. Corners are columns: numpy is slow along an axis of three.
         """
         seen = self.camera.see(triangles)
         depth = seen[..., 2]
@@ -167,11 +183,11 @@ class Canvas:
             last = max(first + 1, int(np.searchsorted(stops, stops[first] + ROWS, side="right")) - 1)
             which = np.repeat(np.arange(first, last), rows[first:last])
             line = low[which] + np.arange(len(which)) - np.repeat(stops[first:last] - stops[first], rows[first:last])
-            yield from self._spans(which, line, slope_x, slope_y, rest, near, ahead)
+            yield from self._spans(which, line, slope_x, slope_y, rest, near, ahead, covered)
             first = last
 
     def _spans(
-        self, which: Whole, y: Whole, slope_x: Array, slope_y: Array, rest: Array, near: Array, ahead: Whole
+        self, which: Whole, y: Whole, slope_x: Array, slope_y: Array, rest: Array, near: Array, ahead: Whole, covered: bool
     ) -> Iterator[tuple[Whole, Whole, Array, Array]]:
         """Pixels of triangles on rows: between where the weights of all corners are positive."""
         lean, base = slope_x[:, which], slope_y[:, which] * y + rest[:, which]
@@ -188,6 +204,9 @@ class Canvas:
             return
         row = np.repeat(np.arange(len(which)), count)
         x = np.repeat(left - np.cumsum(count) + count, count) + np.arange(len(row))
+        if covered:
+            yield y[row] * self.width + x, row, slope_x, near
+            return
         owner = which[row]
         weights = [(lean[k][row] * x + base[k][row]) * near[k][owner] for k in range(3)]
         nearness = weights[0] + weights[1] + weights[2]

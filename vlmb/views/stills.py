@@ -226,12 +226,10 @@ def _paint(scenery: Scenery, frames: list[int], camera: Camera, size: tuple[int,
                 for frame in frames[:-1]] + [(final, 1.0)]  # fmt: skip
     sun = turn.T @ SUN
     for poses, strength in postures:
-        fallen = [_moved(poses[body.path], body.shape.vertices)[body.shape.faces] for body in scenery.bodies
+        fallen = [_fallen(body, body.shape, poses[body.path], ground.height, sun) for body in scenery.bodies
                   if body.path in poses and body.shadow and isinstance(body.shape, Mesh) and not _flat(body)]  # fmt: skip
         if fallen:
-            corners = np.concatenate(fallen)
-            corners = corners - ((corners[..., 2] - ground.height) / sun[2])[..., None] * sun
-            canvas.shadows(corners @ turn.T, _mix(plane, SHADE, strength))
+            canvas.shadows(np.concatenate(fallen) @ turn.T, _mix(plane, SHADE, strength))
     for body in scenery.bodies:
         pieces: Sequence[Any] | NDArray[Any] = (
             body.shape.faces if isinstance(body.shape, Mesh) else body.shape.points if body.shape else []
@@ -258,6 +256,17 @@ def _paint(scenery: Scenery, frames: list[int], camera: Camera, size: tuple[int,
 def _flat(body: Body) -> bool:
     """Whether a body lies on the snow: a way."""
     return body.grows or body.path == "programme"
+
+
+def _fallen(body: Body, mesh: Mesh, pose: Array, height: float, sun: Array) -> Array:
+    """Triangles of a body's shadow on z = height: of a closed solid only those that face the sun; those of robots may be open."""
+    points = _moved(pose, mesh.vertices)
+    points = points - ((points[:, 2:] - height) / sun[2]) * sun
+    corners = points[mesh.faces]
+    if body.path.startswith("robots/"):
+        return corners
+    (ax, ay), (bx, by) = (corners[:, 1, :2] - corners[:, 0, :2]).T, (corners[:, 2, :2] - corners[:, 0, :2]).T
+    return corners[ax * by - ay * bx > 0.0]
 
 
 def _seen(body: Body, mesh: Mesh, pose: Array, strength: float, camera: Camera) -> tuple[Array, Array, Array]:
@@ -299,7 +308,7 @@ def _crossed(first: Array, second: Array) -> Array:
 
 def _shaded(colour: str, light: Array, strength: float) -> Array:
     lit = np.clip(light[..., None] * _rgb(colour), 0.0, 255.0)
-    return np.asarray(strength * lit + (1.0 - strength) * _rgb(SNOW))
+    return np.asarray(strength * lit + (1.0 - strength) * _rgb(SNOW), dtype=np.float32)
 
 
 def _everything(scenery: Scenery, frames: list[int]) -> Array:
