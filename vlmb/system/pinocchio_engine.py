@@ -23,6 +23,7 @@ from vlmb.core.driver import (
 )
 from vlmb.core.plant import make_memory
 from vlmb.core.run import follow_worth
+from vlmb.core.tree import AT_P
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.answering import march_answered
@@ -59,6 +60,7 @@ class PinocchioEngine:
         kinds = {event.kind for event in watch.events} - {QUIET, DEPENDENT, GRIP}
         self.reading = CoreReading(watch.arrays, self.workspace.frames, kinds != {LIMIT}) if kinds else None
         self.still = np.zeros(watch.positions + watch.velocities)
+        self.still[watch.arrays.tree.link[:, AT_P]] = 1.0  # directions have unit length
         self.size = self.workspace.size
         self.errors: list[VlmbError] = []  # of evaluations since the last accepted step
         self.seen = make_driver("euler", len(self.still), directions=np.zeros(len(watch.events)))  # what the core looks at
