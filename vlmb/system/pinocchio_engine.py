@@ -34,6 +34,7 @@ from vlmb.system.core_reading import CoreReading
 from vlmb.system.events import CONTACT, DEPENDENT, GRIP, LIMIT, OPENS, QUIET, SLIPS, STICKS, Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.friction import FRICTION_EVENTS, indicators_of
+from vlmb.system.readings import beside_pole
 from vlmb.system.system import System
 from vlmb.system.worth import LOOKED_AT, RowState
 
@@ -246,8 +247,9 @@ class PinocchioEngine:
         if condition > 1e10:
             weak = ", ".join(names)
             return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
-        programme = self.workspace.solver.programme
-        return programme.weakness() if programme else ""
+        programme, mechanism = self.workspace.solver.programme, self.workspace.mechanism
+        seen = mechanism.coordinates(self.workspace.unpack(t, y))
+        return (programme.weakness() if programme else "") + beside_pole(mechanism, seen)
 
     def raised(self, error: BaseException) -> bool:
         """Whether an error is one that the control raised."""
