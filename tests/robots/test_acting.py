@@ -112,3 +112,35 @@ def test_a_programme_whose_numbers_the_motion_gives(name: str) -> None:
     most = max(np.abs(values).max() for values in alone.controls.values())
     for control in programme["controls"]:
         assert np.abs(alone.controls[control] - beside.controls[control]).max() < 1e-5 * most, control
+
+
+def gripper(tie: str, **robot: Any) -> dict[str, Any]:
+    """Two fingers that slide sideways, 0.3 kg and 0.5 kg; the second one mimics the first."""
+    finger = """<link name="{0}_link"><inertial><mass value="{1}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0"
+    iyz="0"/></inertial></link><joint name="{0}" type="prismatic"><parent link="palm"/><child link="{0}_link"/>
+    <axis xyz="1 0 0"/>{2}<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>"""
+    urdf = f'<robot name="hand"><link name="palm"/>{finger.format("one", 0.3, "")}{finger.format("two", 0.5, tie)}</robot>'
+    parts = {"robots": [{"name": "hand", "urdf": urdf, **robot}], "forces": [{"on": "T_one", "law": "0.7"}]}
+    return {"base": {"kind": "pivot"}, **parts, "run": {"duration": 1.0}}
+
+
+def test_a_joint_mimics_another() -> None:
+    run = vlmb.simulate(gripper('<mimic joint="one" multiplier="-2" offset="0.1"/>'), rtol=1e-10, atol=1e-12)
+    a = 0.7 / (0.3 + 4.0 * 0.5)  # the second finger's mass counts by the square of the ratio
+    assert run["one"] == pytest.approx(0.5 * a * run.t**2, abs=1e-9) and run["two"] == pytest.approx(0.1 - a * run.t**2, abs=1e-9)
+    assert run.reactions["mimic:two"] == pytest.approx(np.full(len(run), -2.0 * a * 0.5), rel=1e-9)
+    assert np.abs(run["balance"]).max() < 1e-10 and not run.adjustments
+    scene = gripper('<mimic joint="one" multiplier="-2" offset="0.1"/>')
+    given = vlmb.check({**scene, "start": {"one": 0.02, "one_dot": 0.3}}).start
+    assert (given.coordinates["two"], given.rates["two_dot"]) == pytest.approx((0.06, -0.6), abs=1e-12)
+
+
+def test_a_joint_that_mimics_a_locked_one_stays_and_what_cannot_be_is_told() -> None:
+    stays = vlmb.simulate({**gripper('<mimic joint="one" offset="0.01"/>', locked=["one"], posture={"one": 0.03}), "forces": []})
+    assert stays["two"] == pytest.approx(np.full(len(stays), 0.04), abs=1e-12)
+    lost = vlmb.build(gripper('<mimic joint="thumb"/>'))
+    assert any("mimic unknown ones" in told and "two" in told for told in lost.left_out)
+    with pytest.raises(vlmb.SceneError, match="'two': mimic: multiplier = 'x' is no number"):
+        vlmb.build(gripper('<mimic joint="one" multiplier="x"/>'))
+    with pytest.raises(vlmb.SceneError, match="not finite"):
+        vlmb.build(gripper('<mimic joint="one" offset="inf"/>'))

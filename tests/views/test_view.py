@@ -531,7 +531,10 @@ def test_arms_are_outside_the_trunk_and_at_its_shoulders() -> None:
         np.testing.assert_allclose(poses["links/left_arm"][:3, 3], poses["links/right_arm"][:3, 3], atol=1e-9)  # the links' own
 
 
-@pytest.mark.parametrize("name", ["skier_one_link", "skier_two_links", "skier_slalom_whole_body", "skier_paper", "flight"])
+PERSONS = ["skier_one_link", "skier_two_links", "skier_slalom_whole_body", "skier_paper", "flight", "ski_jump"]
+
+
+@pytest.mark.parametrize("name", PERSONS)
 def test_a_person_has_a_head_arms_and_two_legs(name: str) -> None:
     made = view_module.posture(build(load_scene(MODELS / f"{name}.toml")))
     colours = {body.colour for body in made.bodies}
@@ -916,7 +919,7 @@ def test_phases_are_seen_in_the_scenery() -> None:
     made = of_trajectory(run, 30.0, arrows=True)
     drawn = {body.path: body for body in made.bodies}
     assert {"legs/left/spring", "legs/right/foot", "forces/left", "footprints/0", "footprints/2"} <= set(drawn)
-    assert [words for _, words in made.events] == ["touch right", "open left", "touch left"]
+    assert [words for _, words in made.events] == ["right touches", "left opens", "left touches"]
     for k, t in enumerate(made.t.tolist()):
         foot = made.poses(k)["legs/left/foot"][:3, 3]
         stands = t < run.events[1].t or t >= run.events[2].t
@@ -934,4 +937,4 @@ def test_phases_are_seen_in_the_scenery() -> None:
     hit = of_trajectory(simulate(MODELS / "compass_gait.toml", duration=0.9), 60.0, arrows=True)
     impulse = next(body for body in hit.bodies if body.path == "impulses/r")
     seen = hit.t[impulse.scale[:, 0] > 0.1]
-    assert 0.73 < seen.min() < 0.76 and seen.max() < 0.734346 + 0.16 and hit.events[0][1].startswith("touch r, ")
+    assert 0.73 < seen.min() < 0.76 and seen.max() < 0.734346 + 0.16 and hit.events[0][1].startswith("r touches, ")

@@ -23,6 +23,15 @@ FAR = 1e4  # [rad] limits of a joint that turns without end
 INSTALL = "pip install vlmb[robots]"
 
 
+class Tie(NamedTuple):
+    """A joint that mimics another one: q = multiplier * q_other + offset."""
+
+    joint: str
+    other: str
+    multiplier: float
+    offset: float
+
+
 class RobotText(NamedTuple):
     """A URDF as Pinocchio reads it, and what is told of it."""
 
@@ -30,7 +39,7 @@ class RobotText(NamedTuple):
     folder: Path | None  # where `package://` and relative meshes are looked for
     root: Path | None  # below which they must stay
     endless: frozenset[str]  # joints without limits
-    mimicking: tuple[str, ...]
+    ties: tuple[Tie, ...]
     rubbed: tuple[str, ...]  # joints with damping or friction
     about: str  # path in the package, for postures
 
@@ -80,6 +89,18 @@ def parse_xml(text: str, key: str) -> ElementTree.Element:
     return root
 
 
+def _tie(name: str, mimic: ElementTree.Element, key: str) -> Tie:
+    found = []
+    for what, default in (("multiplier", "1"), ("offset", "0")):
+        try:
+            found.append(float(mimic.get(what, default)))
+        except ValueError:
+            raise SceneError(f"{key}: {what} = {mimic.get(what)!r:.80} is no number") from None
+        if not math.isfinite(found[-1]):
+            raise SceneError(f"{key}: {what} = {found[-1]} is not finite")
+    return Tie(name, mimic.get("joint", ""), *found)
+
+
 def _checked(text: str, key: str, folder: Path | None, root: Path | None, about: str) -> RobotText:
     tree = parse_xml(text, key)
     if tree.tag != "robot":
@@ -87,7 +108,7 @@ def _checked(text: str, key: str, folder: Path | None, root: Path | None, about:
     if re.search(r"<\s*xacro:", re.sub(r"(?s)<!--.*?-->", "", text)):
         raise SceneError(f"{key}: has xacro in it, which is not run: write its URDF first (xacro robot.xacro > robot.urdf)")
     tree.set("name", tree.get("name") or "robot")
-    endless, mimicking, rubbed = [], [], []
+    endless, ties, rubbed = [], [], []
     _in_order(tree, key)
     for joint in tree.iter("joint"):
         name = joint.get("name", "")
@@ -100,7 +121,7 @@ def _checked(text: str, key: str, folder: Path | None, root: Path | None, about:
             limit.set("lower", repr(-FAR))
             limit.set("upper", repr(FAR))
         for mimic in joint.findall("mimic"):
-            mimicking.append(name)
+            ties.append(_tie(name, mimic, f"{key}: joint {name!r:.80}: mimic"))
             joint.remove(mimic)
         dynamics = joint.find("dynamics")
         if dynamics is not None and any(_number(dynamics.get(what, "0")) for what in ("damping", "friction")):
@@ -113,7 +134,7 @@ def _checked(text: str, key: str, folder: Path | None, root: Path | None, about:
             for shape in link.findall(what):
                 link.remove(shape)
     xml = ElementTree.tostring(tree, encoding="unicode")
-    return RobotText(xml, folder, root, frozenset(endless), tuple(mimicking), tuple(rubbed), about)
+    return RobotText(xml, folder, root, frozenset(endless), tuple(ties), tuple(rubbed), about)
 
 
 def _in_order(tree: ElementTree.Element, key: str) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
 from vlmb.model.mechanism import build
-from vlmb.model.robot_files import RobotText, postures_of, read_robot
+from vlmb.model.robot_files import RobotText, Tie, postures_of, read_robot
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import BASE, Base, Link, Robot
 
@@ -38,6 +38,7 @@ class Robots:
     links: tuple[tuple[str, int], ...]  # links of the scene with the number they count by, 1 for the first
     left_out: tuple[str, ...]
     driven: frozenset[str] = frozenset()  # coordinates that follow laws
+    ties: tuple[Tie, ...] = ()  # of joints that mimic others, by the names of the model; one that mimics none has a place
 
 
 def identifier(name: str) -> str:
@@ -50,6 +51,7 @@ def assemble(scene: Scene) -> Robots:
     """Make the model. Raises SceneError for files, frames, joints and postures that are not there or not usable."""
     model, left_out, reference = pin.Model(), list[str](), np.zeros(0)
     texts: list[RobotText | None] = []
+    ties: list[Tie] = []
     given: set[str] = set()
     model.name, model.gravity.linear = scene.name, np.array(scene.surface_gravity)
     if scene.base.kind == "ski":
@@ -62,11 +64,12 @@ def assemble(scene: Scene) -> Robots:
     for number, robot in enumerate(scene.robots):
         key = f"robots[{number}]"
         text = read_robot(robot.urdf, f"{key}.urdf")
-        made, posture, told, notes = _robot(robot, text, key)
+        made, posture, told, notes, own = _robot(robot, text, key)
         at = 0 if robot.attach.to == "ground" else frame_id(model, scene, robot.attach.to, f"{key}.attach.to")
         model, reference = _append(model, reference, made, posture, at)
         texts.append(text)
         given |= told
+        ties += own
         left_out += notes
     numbers = {link.name: at + 1 for at, link in enumerate(scene.links)}
     every = ((link, which) for link in scene.links for which in (1, 2))
@@ -84,7 +87,7 @@ def assemble(scene: Scene) -> Robots:
     names = tuple(robot.name for robot in scene.robots)
     return Robots(
         model, names, tuple(texts), frame_names(model, scene.robots), reference, frozenset(given),
-        tuple(sorted(links, key=_number)), tuple(left_out), frozenset(driven),
+        tuple(sorted(links, key=_number)), tuple(left_out), frozenset(driven), tuple(ties),
     )  # fmt: skip
 
 
@@ -116,8 +119,8 @@ def _number(entry: tuple[str, int]) -> int:
     return entry[1]
 
 
-def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str], list[str]]:
-    """Return the model of one robot with its names, its posture, the joints that it tells, and what was left out."""
+def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str], list[str], list[Tie]]:
+    """Return the model of one robot with its names, its posture, the joints that it tells, what was left out, and ties."""
     roots = {"free": pin.JointModelFreeFlyer, "planar": pin.JointModelPlanar}
     try:
         if robot.attach.root == "fixed":
@@ -133,8 +136,14 @@ def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str
             raise SceneError(f"{key}.locked: no joint {name!r:.80}; {nearest(name, list(model.names)[1:])}")
         locked.append(model.getJointId(name))
     notes = [f"{robot.name}: {len(locked)} joints are locked"] if locked else []
-    told_of = (("damping and friction", text.rubbed), ("the tie of joints that mimic others", text.mimicking))
-    for what, every in told_of:
+    free = [tie for tie in text.ties if model.existJointName(tie.joint) and tie.joint not in robot.locked]
+    ties = [_tie(tie, robot, model, posture) for tie in free]
+    lost = [tie.joint for tie in ties if tie.other and not model.existJointName(tie.other)]
+    for tie in ties:
+        if tie.joint not in told | set(lost):
+            other = float(_values(model, tie.other, posture)[0]) if tie.other else 0.0
+            _set(model, tie.joint, posture, np.array([tie.multiplier * other + tie.offset]))
+    for what, every in (("damping and friction", text.rubbed), ("the tie of joints that mimic unknown ones", lost)):
         names = [name for name in every if model.existJointName(name) and name not in robot.locked]
         if names:
             notes.append(f"{robot.name}: {what} of the URDF ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})")
@@ -150,7 +159,24 @@ def _robot(robot: Robot, text: RobotText, key: str) -> tuple[Any, Array, set[str
         raise SceneError(f"{key}.urdf: a mass of it is negative or not finite")
     _rename(model, robot.name)
     _add_points(model, robot, key)
-    return model, posture, {f"{robot.name}.{identifier(name)}" for name in told}, notes
+    kept_ties = [
+        tie._replace(joint=_named(robot, tie.joint), other=tie.other and _named(robot, tie.other))
+        for tie in ties
+        if tie.joint not in lost
+    ]
+    return model, posture, {_named(robot, name) for name in told}, notes, kept_ties
+
+
+def _named(robot: Robot, joint: str) -> str:
+    """Return the name of a robot's joint in the model of a scene."""
+    return f"{robot.name}.{identifier(joint)}"
+
+
+def _tie(tie: Tie, robot: Robot, model: Any, posture: Array) -> Tie:
+    """Return a tie; one to a locked joint as a place."""
+    if tie.other not in robot.locked:
+        return tie
+    return Tie(tie.joint, "", 0.0, tie.multiplier * float(_values(model, tie.other, posture)[0]) + tie.offset)
 
 
 def _add_points(model: Any, robot: Robot, key: str) -> None:

@@ -79,7 +79,7 @@ class ContactView:
         self.conditions = [
             condition_of(p.contact.when, f"contacts[{p.index}].when") if p.contact.when else None for p in self.points
         ]
-        self.known: dict[tuple[int, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones
+        self.known: dict[tuple[Probe, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones; keys keep their probes
         self.began = start  # of the phase under way
         self.mover: Engine | None = None  # of the phase under way
 
@@ -95,19 +95,22 @@ class ContactView:
         return self._answer(self.systems.probe(False, self.t, closed, self.standing), y)
 
     def _answer(self, probe: Probe, y: Array) -> Answers:
-        key = id(probe), self.t, y.tobytes(), self.standing
+        key = probe, self.t, y.tobytes(), self.standing
         if key not in self.known:
             given: Sequence[float] = ()
             if probe.given:
                 mover = self.mover or self._mover([Footing()] * len(self.points))
                 given = mover.inputs_at(self.t, y)
             self.known = dict([*self.known.items()][-3:])
-            found = probe.at(self.t, y, self._branch_at(y), self.works, given)
-            for point, footing in zip(self.points, self.standing, strict=True):
-                if isinstance(point, LegPoint) and point.closed(footing):
-                    found.jets[point.index, 3] = point.gap_jet(self.t, found.jets[point.index], footing)
-            self.known[key] = found
+            self.known[key] = self._on_legs(probe.at(self.t, y, self._branch_at(y), self.works, given))
         return self.known[key]
+
+    def _on_legs(self, found: Answers) -> Answers:
+        """Write the gaps of legs that stand into answers."""
+        for point, footing in zip(self.points, self.standing, strict=True):
+            if isinstance(point, LegPoint) and point.closed(footing):
+                found.jets[point.index, 3] = point.gap_jet(self.t, found.jets[point.index], footing)
+        return found
 
     def _branch_at(self, y: Array) -> list[float]:
         """Return the coordinates of a state, near those of the last sample."""

@@ -2,8 +2,8 @@
 
 Between two events a history is smooth in the number, and so is the time of each event; across one it is not, for runs beside have
 it earlier or later. Samples that an event passes over are compared at the same share of the time between events, and moved back
-by how that time changes: S = D - Q' T', where D is the derivative at the same share, Q' the rate of a history and T' the derivative
-of the time. At an event S jumps thereby as the saltation matrix says, for D, Q' and S before and after it are others.
+by how that time changes: S = D - Q' T', where D is the derivative at the same share, Q' the rate of a history and T' the
+derivative of the time. At an event S jumps thereby as the saltation matrix says, for D and Q' before and after it are others.
 """
 
 from __future__ import annotations

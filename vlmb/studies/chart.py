@@ -260,7 +260,7 @@ class Chart:
         if e.kind == "across":
             return float(bend[e.axis]) + turning * float(u[1] if e.axis == 0 else -u[0])
         flat = math.hypot(d[0], d[1])
-        side = math.copysign(1.0, math.cos(self._elevation(e.link)))
+        side = math.copysign(1.0, math.cos(self.elevation(e.link)))
         if self.layout.plane:
             heading = 0.0 if self.arrays.upright or self.layout.base != "ski" else float(y[2])
             ahead = math.cos(heading) * d[0] + math.sin(heading) * d[1]
@@ -274,7 +274,8 @@ class Chart:
             return (float(across @ bend) + 2.0 * phi_rate * psi_rate * d[2]) / steep
         return float(upwards @ bend) - phi_rate**2 * steep * d[2]
 
-    def _elevation(self, i: int) -> float:
+    def elevation(self, i: int) -> float:
+        """Return the elevation [rad] of a link at the start of the chart."""
         return float(self.values[self.layout.place("psi", i)])
 
     # symmetries
@@ -283,7 +284,7 @@ class Chart:
         """The link that is nearest to the horizontal, whose azimuth is divided out; -1 where all stand upright, or in a plane."""
         if self.layout.plane or not self.layout.links:
             return -1
-        flat = [abs(math.cos(self._elevation(i))) for i in range(len(self.layout.links))]
+        flat = [abs(math.cos(self.elevation(i))) for i in range(len(self.layout.links))]
         best = int(np.argmax(flat))
         return best if flat[best] >= UPRIGHT else -1
 
@@ -292,7 +293,7 @@ class Chart:
         if self.layout.base == "ski":
             return float(y[2])
         d = self._core_direction(self.reference, y, y)[0]
-        side = math.cos(self._elevation(self.reference)) < 0.0
+        side = math.cos(self.elevation(self.reference)) < 0.0
         return math.atan2(d[1], d[0]) + math.pi * side
 
     def _refuse_switches(self) -> None:

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError
+from vlmb.errors import SceneError, StudyError
 from vlmb.model.mechanism import build
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
 from vlmb.studies.derivatives import jacobian
+from vlmb.studies.modes import SIZE, Mode, mode_about
 from vlmb.studies.steady import Steady, refuse_time
 from vlmb.system.beginning import refuse_contacts
 from vlmb.system.forces import StateView
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 
 GROWS = 1e-8  # of the largest eigenvalue: a growth that is some
 FLAT = 1e-9  # singular values over the largest that are none
+ALIKE = 9  # decimals of the largest eigenvalue, to which two are told apart
 FAMILY, DEFECTIVE = "family", "defective"
 
 
@@ -47,6 +49,8 @@ class Linear:
     labels: tuple[str, ...]
     error: float
     residual: float  # largest rate that the motion itself has: not 0 where it is not steady
+    scene: Scene
+    around: dict[str, float]  # coordinates and rates by name
 
     @property
     def growth(self) -> float:
@@ -62,6 +66,17 @@ class Linear:
             return "unstable"
         alone = len(self.eigenvalues) == self.labels.count(FAMILY)
         return "neutral" if self.growth > -GROWS * size and not alone else "asymptotically stable"
+
+    def mode(self, k: int, size: float = SIZE) -> Mode:
+        """Return mode k as a motion to look at, by `vlmb.view.picture`, `play` or `export_html`.
+
+        It swings as far as `size` [rad], or of a length. Raises StudyError for a mode that is none, or that moves no posture.
+        """
+        if not 0 <= k < len(self.eigenvalues):
+            raise StudyError(f"mode {k}: there are modes 0 to {len(self.eigenvalues) - 1}")
+        chart, start = _chart(self.scene, self.around), dict(zip(self.names, self.modes[:, k].tolist(), strict=True))
+        basis, _ = independent(chart, chart.numbers(chart.origin))
+        return mode_about(chart, basis, k, complex(self.eigenvalues[k]), self.labels[k], start, size)
 
     def __repr__(self) -> str:
         labelled = zip(self.eigenvalues, self.labels, strict=True)
@@ -99,11 +114,8 @@ def linearize(
     else:
         scene, given = as_scene(what), {**(coordinates or {}), **(rates or {})}
     refuse_time(scene)
-    system = make_system(build(scene))
-    start = _start(system, given)
-    view = StateView(system.mechanism, 0.0, system.mechanism.postures(start.state), start.branch, start.state)
-    refuse_contacts(system, view)
-    chart = chart_at(system, start)
+    chart = _chart(scene, given)
+    system = chart.system
     x = chart.numbers(chart.origin)
     full, error = jacobian(chart.rates, x, chart.scales)
     basis, names = independent(chart, x)
@@ -113,7 +125,17 @@ def linearize(
     pushed = _pushes(scene, chart, used)[picks]
     values, modes, labels = _eigen(reduced)
     residual = float(np.abs(chart.rates(x)).max(initial=0.0))
-    return Linear(names, reduced, pushed, used, values, modes, labels, error, residual)
+    around = {**chart.start.coordinates, **chart.start.rates}
+    return Linear(names, reduced, pushed, used, values, modes, labels, error, residual, scene, around)
+
+
+def _chart(scene: Scene, given: Mapping[str, float]) -> Chart:
+    """Make the chart around a state of a scene in which no contact touches."""
+    system = make_system(build(scene))
+    start = _start(system, given)
+    view = StateView(system.mechanism, 0.0, system.mechanism.postures(start.state), start.branch, start.state)
+    refuse_contacts(system, view)
+    return chart_at(system, start)
 
 
 def _start(system: System, given: Mapping[str, float]) -> Start:
@@ -178,19 +200,25 @@ def _pushes(scene: Scene, like: Chart, names: Sequence[str]) -> Array:
 
 
 def _zeros(matrix: Array) -> tuple[int, int]:
-    """Return how many directions a matrix leaves at rest, and how often 0 is an eigenvalue: the rank of its powers falls to that.
+    """Return how many directions a matrix leaves at rest, and how often 0 is an eigenvalue.
 
-    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell.
+    Rounding splits a defective 0 into roots of its size: eigenvalues alone do not tell. The directions at rest are taken away,
+    and what is left of the matrix has more of them as often as 0 is defective. (Ranks of its powers would take slow modes of
+    something stiff for 0.)
     """
-    scale = max(float(np.linalg.norm(matrix, 2)), 1.0)
-    power, counts = matrix / scale, [0]
-    while len(counts) <= len(matrix):
-        sizes = np.linalg.svd(power, compute_uv=False)
-        counts.append(int((sizes <= FLAT * sizes[0]).sum()) if sizes[0] > 0.0 else len(matrix))
-        if counts[-1] == counts[-2]:
+    from scipy.linalg import matrix_balance
+
+    left, counts = matrix_balance(matrix, permute=False)[0], list[int]()
+    least = FLAT * max(float(np.linalg.norm(left, 2)), 1.0)
+    while len(left):
+        _, sizes, right = np.linalg.svd(left)
+        count = int((sizes <= least).sum())
+        if not count:
             break
-        power = power @ matrix / scale
-    return counts[1], counts[-1]
+        counts.append(count)
+        rest = right[: len(right) - count]
+        left = rest @ left @ rest.T
+    return counts[0] if counts else 0, sum(counts)
 
 
 def _eigen(matrix: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128], tuple[str, ...]]:
@@ -202,7 +230,9 @@ def _eigen(matrix: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128
     labels = np.full(len(values), "", dtype=object)
     for place, k in enumerate(np.argsort(np.abs(values))[:zeros].tolist()):
         values[k], labels[k] = 0.0, FAMILY if place < family else DEFECTIVE
-    order = np.lexsort((-values.imag, -values.real))
+    size = max(float(np.abs(values).max()), 1e-300)
+    growth, turning = np.round(values.real / size, ALIKE), np.round(np.abs(values.imag) / size, ALIKE)
+    order = np.lexsort((-values.imag, turning, -growth))  # what differs by rounding alone does not change places
     modes = modes / np.where(np.abs(modes).max(axis=0) > 0.0, modes[np.abs(modes).argmax(axis=0), np.arange(len(values))], 1.0)
     return values[order].astype(complex), modes[:, order].astype(complex), tuple(str(labels[k]) for k in order)
 

@@ -139,6 +139,16 @@ def drives_of(mechanism: RobotMechanism) -> tuple[Prescribed, ...]:
     return tuple(found)
 
 
+def ties_of(mechanism: RobotMechanism) -> dict[str, str]:
+    """Return the equations of joints that mimic others, by the names of their rows."""
+    names = {mechanism.model.names[entry.joint]: entry.name for entry in mechanism.names.entries}
+    found = {}
+    for tie in mechanism.robots.ties:
+        turned = f"{tie.multiplier!r}*{names[tie.other]} + " if tie.other else ""
+        found[f"mimic:{names[tie.joint]}"] = f"{names[tie.joint]} = {turned}{tie.offset!r}"
+    return found
+
+
 def row_of(drive: Prescribed) -> str:
     """Return the equation that holds a given length."""
     return f"{drive.name} - ({drive.law.text}) = 0"

@@ -36,7 +36,7 @@ from vlmb.system.gains import MovingGains, require_decay
 from vlmb.system.prescribed import Prescribed, breaks_of_law, require_inside
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
-from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of
+from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of, ties_of
 from vlmb.system.robot_programme import make_robot_plan, posture_of, read_moving_gains
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ class RobotSystem:
     @property
     def eliminated(self) -> int:
         """Rows that are held by reactions: they come first."""
-        return self.first_drive + len(self.drives) + len(self.mechanism.scene.constraints)
+        return self.first_drive + len(self.drives) + len(self.mechanism.robots.ties) + len(self.mechanism.scene.constraints)
 
     @property
     def knife_edge(self) -> int:
@@ -102,7 +102,7 @@ class RobotSystem:
 
     @property
     def first_drive(self) -> int:
-        """Place of the first row of a length that follows a law; ideal rows stand behind these."""
+        """Place of the first row of a length that follows a law; joints that mimic others, then ideal rows stand behind these."""
         return self.knife_edge + self.on_ski
 
     @property
@@ -209,7 +209,9 @@ def make_robot_system(
     welds, edges, held = _frames_held(quantities)
     rows = rows_of(scene if programme is scene.programme else with_values(scene, {"programme": programme, "programmes": ()}))
     drives = drives_of(mechanism)
+    ties = ties_of(mechanism)
     equations = [parse_equation(row_of(drive), "links", names) for drive in drives]
+    equations += [parse_equation(text, "robots", names) for text in ties.values()]
     equations += [parse_equation(row.equation, row.key, names) for row in (*rows.ideal, *rows.servo, *rows.secondary)]
     roots, forces, elastic = laws_of(quantities, names)
     laws = len(forces)
@@ -226,7 +228,8 @@ def make_robot_system(
     if scene.base.kind == "ski":
         info.append(Constraint("knife_edge", False, False, frozenset(), False))
     info += [Constraint(drive.force, True, False, frozenset(), True) for drive in drives]
-    ideal, servo, own = len(info) + len(rows.ideal), len(rows.servo), slice(len(drives), len(equations))
+    info += [Constraint(name, True, False, frozenset(), False) for name in ties]
+    ideal, servo, own = len(info) + len(rows.ideal), len(rows.servo), slice(len(drives) + len(ties), len(equations))
     every = zip((*rows.ideal, *rows.servo, *rows.secondary), equations[own], compiled.rows[own], strict=True)
     for row, equation, facts in every:
         if not facts.moves:

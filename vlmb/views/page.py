@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from vlmb.errors import VlmbError
 from vlmb.views import shapes
-from vlmb.views.appearance import DARK, FLOOR, FLOOR_LINES, LIGHT, SNOW, SNOW_LINES, Theme
+from vlmb.views.appearance import DARK, FLOOR, FLOOR_LINES, LIGHT, SNOW, SNOW_LINES, Theme, by_night
 from vlmb.views.bodies import Body
 from vlmb.views.shapes import Lines, Mesh
 from vlmb.views.visual_model import VIEW_FROM, Scenery
@@ -97,7 +97,9 @@ def _theme(scenery: Scenery, theme: Theme) -> dict[str, Any]:
     """Colours of the surroundings, by day or by night; a body keeps its own unless the night would hide it."""
     plane, lines = (theme.snow, theme.snow_lines) if scenery.ground.snow else (theme.floor, theme.floor_lines)
     colours = {"ground": plane, "ground/lines": lines}
-    colours |= {body.path: theme.changed.get(body.colour, body.colour) for body in scenery.bodies if body.colour in DARK.changed}
+    for body in scenery.bodies:
+        if night := by_night(body.path, body.colour):
+            colours[body.path] = night if theme is DARK else body.colour
     sky, haze = ([int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (theme.sky, theme.haze))
     return {"sky": sky, "haze": haze, "shadow": theme.shadow, "sun": theme.sun, "ambient": theme.ambient, "colours": colours}
 

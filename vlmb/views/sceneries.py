@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.studies.modes import Mode
 from vlmb.views import visual_model
 from vlmb.views.visual_model import Scenery
 
@@ -38,6 +40,17 @@ def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = Fals
     if not isinstance(trajectory, RobotTrajectory):
         raise VlmbError(f"{type(trajectory).__name__}: nothing that could be drawn")
     return of_robot_run(trajectory, fps)
+
+
+def of_mode(mode: Mode) -> Scenery:
+    """Return the scenery of the motion of a mode."""
+    return replace(of_samples(mode.mechanism, mode.t, mode.q, mode.v), name=f"{mode.mechanism.scene.name}, {mode.told}")
+
+
+def ends_of_mode(mode: Mode) -> Scenery:
+    """Return the scenery of both ends of a mode at 0 and 1 s, and of its middle at 2 s."""
+    q, t = np.array([*mode.ends, mode.middle]), np.arange(3.0)
+    return visual_model.of_samples(mode.mechanism, t, q, np.zeros((3, mode.v.shape[1])), fps=1.0)
 
 
 def of_samples(mechanism: Mechanism | RobotMechanism, t: Array, q: Array, v: Array) -> Scenery:

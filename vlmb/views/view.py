@@ -16,13 +16,16 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import Mechanism
 from vlmb.simulation.checking import check
 from vlmb.simulation.files import write_text
 from vlmb.simulation.trajectory import Trajectory
+from vlmb.studies.modes import Mode
 from vlmb.views.page import page
-from vlmb.views.sceneries import of_state, of_trajectory
+from vlmb.views.sceneries import ends_of_mode, of_mode, of_state, of_trajectory
 from vlmb.views.stills import Shot, still
 from vlmb.views.visual_model import Scenery
 
@@ -116,38 +119,57 @@ def show(
 
 
 def play(
-    trajectory: Trajectory, speed: float = 1.0, fps: float = FPS, arrows: bool = False, programme: Any = None,
+    trajectory: Trajectory | Mode, speed: float = 1.0, fps: float = FPS, arrows: bool = False, programme: Any = None,
     browser: bool | None = None, port: int = 0,
 ) -> View:  # fmt: skip
-    """Play a motion in a browser in real time, with pause, speed and scrubbing; `programme` (n, 2) [m] is drawn dashed.
+    """Play a motion, or a mode, in a browser, with pause, speed and scrubbing; `programme` (n, 2) [m] is drawn dashed.
 
     Raises VlmbError as `show` does.
     """
-    return serve(page(of_trajectory(trajectory, fps, arrows, programme), speed), browser, port)
+    made = of_mode(trajectory) if isinstance(trajectory, Mode) else of_trajectory(trajectory, fps, arrows, programme)
+    return serve(page(made, speed), browser, port)
 
 
 def export_html(
-    what: Trajectory | Shown, path: str | Path, fps: float = FPS, speed: float = 1.0, arrows: bool = False,
+    what: Trajectory | Mode | Shown, path: str | Path, fps: float = FPS, speed: float = 1.0, arrows: bool = False,
     programme: Any = None,
 ) -> Path:  # fmt: skip
-    """Write one HTML file that plays a motion (or shows a start posture) anywhere, without a connection."""
+    """Write one HTML file that plays a motion or a mode (or shows a start posture) anywhere, without a connection."""
+    if isinstance(what, Mode):
+        return write_text(path, page(of_mode(what), speed))
     made = of_trajectory(what, fps, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
     return write_text(path, page(made, speed))
 
 
 def picture(
-    what: Trajectory | Shown, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
+    what: Trajectory | Mode | Shown, time: float | None = None, size: tuple[int, int] = (960, 600), ghosts: int = 0,
     arrows: bool = False, programme: Any = None, since: float | None = None, view_from: tuple[float, float, float] | None = None,
     shot: Shot | None = None,
 ) -> Image:  # fmt: skip
-    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture. No screen.
+    """Paint a motion at a time [s] (default: its end), with earlier postures; or a start posture, or a mode. No screen.
+
+    Of a mode it is the steady posture, and paler both ends of the swing, from where most is seen of it.
 
     `shot=vlmb.view.Shot(azimuth=-60, elevation=15, zoom=1.5)` [deg], `Shot(side=True)`, `Shot(follow=True)` place the camera.
     """
+    if isinstance(what, Mode):
+        made = ends_of_mode(what)
+        return still(made, 2.0, size, 2, 0.0, view_from or (_across(made) if shot is None else None), shot)
     made = of_trajectory(what, FPS, arrows, programme) if isinstance(what, Trajectory) else posture(what, None, arrows)
     if isinstance(what, Trajectory) and time is not None and not what.t[0] <= time <= what.t[-1]:
         raise VlmbError(f"time {time:g} s: the motion lasts from {what.t[0]:g} to {what.t[-1]:g} s")
     return still(made, time, size, ghosts, since, view_from, shot)
+
+
+def _across(ends: Scenery) -> tuple[float, float, float] | None:
+    """Return a direction to the camera across what moves most between the ends of a mode; None where nothing goes sideways."""
+    one, other = ends.poses(0), ends.poses(1)
+    moved = np.array([(ends.turn @ (one[path] - other[path])[:3, 3])[:2] for path in one])
+    ahead = np.linalg.svd(moved)[2][0]
+    if not np.abs(moved).max(initial=0.0) > 1e-2 * ends.radius:
+        return None
+    side = -1.0 if ahead[0] > 0.0 or (ahead[0] == 0.0 and ahead[1] > 0.0) else 1.0
+    return float(-side * ahead[1]), float(side * ahead[0]), 0.3
 
 
 def posture(mechanism: Shown, state: tuple[Any, Any] | None = None, arrows: bool = False) -> Scenery:
