@@ -111,6 +111,7 @@ CALLS: dict[str, tuple[dict[str, Any], str]] = {
     "times that do not ascend": ({"t_eval": [0.1, 0.0]}, "t_eval: times must ascend within [0, 0.1] s"),
     "an end that is not there": ({"until": "landing"},
         "no event or quantity of this name; this scene has no events; an expression ends the run where it falls through 0"),
+    "a number as progress": ({"progress": 5}, "progress = 5: must be a function that is called with the time reached"),
     "a start as a list": ({"start": [0.4]}, "must be the end of a run, or a dict of coordinates and rates by name"),
 }
 
@@ -167,6 +168,9 @@ def test_in_a_call(what: str) -> None:
 def test_in_a_result() -> None:
     run = vlmb.simulate(PENDULUM)
     for ask, text in (
+        (lambda: run[5], "trajectory[5]: a name is needed, such as trajectory['energy']"),
+        (lambda: run.save(None), "None: must be the path of a file, such as 'run.npz'"),
+        (lambda: vlmb.load_trajectory(True), "True: must be the path of a file, such as 'run.npz'"),
         (lambda: run["psi"], "this trajectory has no 'psi'; did you mean 'psi1'"),
         (lambda: run.reactions["edge"], "this trajectory has no reaction 'edge'; valid names: none"),
         (lambda: run.position("leg", "end"), "no point 'end' of link 'leg'; links: leg; points: hinge, rod_start, rod_end, tip"),

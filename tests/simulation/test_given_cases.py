@@ -122,3 +122,17 @@ def test_a_short_run_of_a_scene_that_is_built_takes_few_milliseconds(engine: str
         vlmb.simulate(made, 0.01, engine=engine)
         spent.append(time.thread_time() - began)
     assert min(spent) < 0.012
+
+
+@LONG
+@pytest.mark.parametrize(("on", "law", "engine"), [
+    ("M_phi1", "-0.5*phi1_dot", "core"), ("M_phi1", "-0.3*a.azimuth_dot", "core"), ("M_phi1", "-phi1_dot", "pinocchio"),
+])  # fmt: skip
+def test_a_run_that_ends_beside_a_pole_names_the_link_and_what_to_use(on: str, law: str, engine: str) -> None:
+    """A damper of the azimuth grows without bound where its link swings through the nadir; one of the hinge does not."""
+    scene = {"base": {"kind": "pivot"}, "links": [{"name": "a", **BAR}], "start": {"psi1": -1.2, "phi1": 0.3}}
+    options = {"rtol": 1e-8, "atol": 1e-9, "engine": engine}
+    ends = vlmb.simulate(scene | {"forces": [{"on": on, "law": law}]}, 1.0, **options)
+    assert ends.status == "failed"
+    assert "Link 'a' stands next to the pole" in ends.message and "use a hinge torque T_a" in ends.message
+    assert vlmb.simulate(scene | {"forces": [{"on": "T_a", "law": "-0.5*psi1_dot"}]}, 1.0, **options).status == "finished"

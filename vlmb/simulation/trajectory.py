@@ -324,7 +324,7 @@ class Trajectory(Remade, Displayed):
 
         `load_trajectory` reads it, `vlmb run` replays it. Raises TrajectoryError for the ending of another format.
         """
-        if Path(path).suffix in (".csv", ".nc", ".sto"):
+        if checked_path(path).suffix in (".csv", ".nc", ".sto"):
             raise TrajectoryError(f"{path}: save writes npz files; save_csv and `vlmb convert run.npz {path}` write tables")
         note = {
             "scene": self.scene.to_dict(), "run": as_numbers(self.run), "status": self.status, "message": self.message,

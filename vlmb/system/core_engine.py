@@ -43,6 +43,7 @@ from vlmb.system.events import DEPENDENT, Event
 from vlmb.system.forces import Control, ControlReader, StateView, known_rows
 from vlmb.system.friction import refuse_lift
 from vlmb.system.programme import weakness
+from vlmb.system.readings import beside_pole
 from vlmb.system.worth import LOOKED_AT, RowState
 
 Array = NDArray[np.float64]
@@ -147,8 +148,10 @@ class CoreEngine:
         return self.plan.in_line(event, self.memory, t, y)
 
     def why(self, t: float, y: Array) -> str:
-        """Add what the programme says about a place where a run failed; the core's codes name all else that is singular."""
-        return "" if self.programme is None else weakness(self.programme, self._matrix(), self.grip)
+        """Add what the programme and azimuths say about a place where a run failed; the core's codes name all else."""
+        weak = "" if self.programme is None else weakness(self.programme, self._matrix(), self.grip)
+        seen = dict(zip(self.mechanism.layout.names, self.view(t, y).coordinates.tolist(), strict=True))
+        return weak + beside_pole(self.mechanism, seen)
 
     def _matrix(self) -> Array:
         """Return G of the programme at the last solution."""

@@ -23,6 +23,7 @@ from vlmb.core.driver import (
 )
 from vlmb.core.plant import make_memory
 from vlmb.core.run import follow_worth
+from vlmb.core.tree import AT_P
 from vlmb.errors import VlmbError
 from vlmb.model.layout import State
 from vlmb.system.answering import march_answered
@@ -33,6 +34,7 @@ from vlmb.system.core_reading import CoreReading
 from vlmb.system.events import CONTACT, DEPENDENT, GRIP, LIMIT, OPENS, QUIET, SLIPS, STICKS, Event
 from vlmb.system.forces import Control, known_rows
 from vlmb.system.friction import FRICTION_EVENTS, indicators_of
+from vlmb.system.readings import beside_pole
 from vlmb.system.system import System
 from vlmb.system.worth import LOOKED_AT, RowState
 
@@ -59,6 +61,7 @@ class PinocchioEngine:
         kinds = {event.kind for event in watch.events} - {QUIET, DEPENDENT, GRIP}
         self.reading = CoreReading(watch.arrays, self.workspace.frames, kinds != {LIMIT}) if kinds else None
         self.still = np.zeros(watch.positions + watch.velocities)
+        self.still[watch.arrays.tree.link[:, AT_P]] = 1.0  # directions have unit length
         self.size = self.workspace.size
         self.errors: list[VlmbError] = []  # of evaluations since the last accepted step
         self.seen = make_driver("euler", len(self.still), directions=np.zeros(len(watch.events)))  # what the core looks at
@@ -249,8 +252,9 @@ class PinocchioEngine:
         if condition > 1e10:
             weak = ", ".join(names)
             return f" The mass matrix is nearly singular there (condition {condition:.1e}): {weak} move almost without inertia."
-        programme = self.workspace.solver.programme
-        return programme.weakness() if programme else ""
+        programme, mechanism = self.workspace.solver.programme, self.workspace.mechanism
+        seen = mechanism.coordinates(self.workspace.unpack(t, y))
+        return (programme.weakness() if programme else "") + beside_pole(mechanism, seen)
 
     def raised(self, error: BaseException) -> bool:
         """Whether an error is one that the control raised."""

@@ -6,7 +6,9 @@ velocities. A prescribed length is a velocity there, so it is free in the tree t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+import math
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,11 +28,13 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import QuantityTable
 from vlmb.model.tape import CompiledTape, compile_tape
-from vlmb.scene.by_phase import numbers_of
+from vlmb.scene.by_phase import numbers_of, programmes_of
 from vlmb.scene.expressions import Equation, Expression
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+NEXT_TO_POLE = 0.05  # cosine of an elevation: what goes by an azimuth grows beyond bounds near there
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +86,21 @@ def no_azimuth(layout: Layout, i: int) -> SingularError:
         f"phi{i + 1} is used by an equation, a force or a control while link {name!r} stands at the pole (|cos psi| < {POLE:g}), "
         f"where it has no azimuth; write the equation with {name}.direction.x and .y, and use a hinge torque T_{name}"
     )
+
+
+def beside_pole(mechanism: Mechanism, coordinates: Mapping[str, float]) -> str:
+    """Say which links stand next to the pole while the scene reads or moves their azimuths; "" where none does."""
+    scene, found = mechanism.scene, []
+    rows = [text for _, programme in programmes_of(scene) for text in (*programme.constraints, *programme.controls)]
+    said = " ".join([*map(str, scene.forces), *scene.constraints, *rows])
+    for i, link in enumerate(mechanism.layout.links):
+        named = re.search(rf"\b(M_)?phi{i + 1}(_dot)?\b|\b{link.name}\.azimuth", said)
+        if named and abs(math.cos(coordinates.get(f"psi{i + 1}", 0.0))) < NEXT_TO_POLE:
+            found.append(
+                f". Link {link.name!r} stands next to the pole, where what goes by {named[0]} grows without bound: use a hinge "
+                f"torque T_{link.name}, or {link.name}.direction.x and .y"
+            )
+    return "".join(found)
 
 
 def ends_meet(name: str) -> SingularError:
