@@ -42,6 +42,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "simplest_walker": {"ghosts": 6, "since": 0.0, "view_from": (0.25, -1.0, 0.25)},
     "slip_runner": {"time": 0.95, "ghosts": 16, "since": 0.2, "view_from": (0.2, -1.0, 0.2), "arrows": True},
     "slip_walker": {"time": 1.55, "ghosts": 6, "since": 0.3, "view_from": (0.2, -1.0, 0.2), "arrows": True},
+    "figure_walker": {"time": 4.4, "ghosts": 4, "since": 2.0, "view_from": (0.35, -1.0, 0.2)},
+    "figure_walker_hops": {"time": 0.37, "view_from": (0.5, -1.0, 0.2)},
     "jumper": {"time": 0.36, "ghosts": 1, "since": 0.0, "view_from": (0.3, -1.0, 0.2)},
     "exoskeleton": {"time": 2.2, "ghosts": 1, "since": 0.0, "view_from": (0.6, -1.0, 0.25)},
     "chaplygin_sleigh": {"time": 3.0, "ghosts": 6},

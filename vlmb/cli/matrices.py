@@ -25,7 +25,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--block", action="append", nargs="+", metavar="NAME", default=[],
-        help="A B C1 C2 D E F1 F2 G H1 H2 K; X Y PHI0 and others for a base; mass_matrix, bias (default: every block)",
+        help="A B C1 C2 D E F1 F2 G H1 H2 K; X Y PHI0 and others for a base; mass_matrix, bias; W, w, supported_mass_matrix, "
+        "supported_bias for a phase (default: every block)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--closed", action="append", nargs="+", metavar="CONTACT", default=[],
+        help="contacts that hold: the rows W of that phase, and the matrix of the chain on the first of them",
     )  # fmt: skip
     parser.add_argument("--form", choices=FORMS, default="full", help="which form of the equations of a ski (default: full)")
     parser.add_argument("--format", choices=matrices.FORMATS, default="text", help="format of the output (default: text)")
@@ -35,7 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def settle(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
     """Give the scene back that `--block` or `--at` swallowed."""
     scenes = [args.scene] if args.scene else []
-    for name in ("block", "at"):
+    for name in ("block", "at", "closed"):
         groups = [apart([], group) for group in getattr(args, name)]
         scenes += [file for files, _ in groups for file in files]
         setattr(args, name, [names or [] for _, names in groups])
@@ -48,7 +53,8 @@ def execute(args: argparse.Namespace) -> int:
     """Run the command; return its exit code."""
     wanted = [entry for group in args.block for entry in group]
     with np.errstate(all="ignore"):
-        eom = matrices.at_posture(args.scene, [entry for group in args.at for entry in group], args.form)
+        closed = [entry for group in args.closed for entry in group]
+        eom = matrices.at_posture(args.scene, [entry for group in args.at for entry in group], args.form, closed)
         found = matrices.tables(eom, wanted)
     if not all(np.isfinite(table.values).all() for table in found):
         raise VlmbError("entries of the blocks overflow at this posture: a length or rate in --at is too large")

@@ -25,6 +25,7 @@ from vlmb.core.row_arrays import (
     FIRST,
     FORM,
     OF_ROW,
+    OF_WEIGHT,
     PROJECTION,
     ROOT,
     VARYING,
@@ -36,7 +37,7 @@ from vlmb.core.row_arrays import (
     sizes_of,
     view,
 )
-from vlmb.core.rows import write_residual
+from vlmb.core.rows import OF_FORCES, write_residual
 from vlmb.core.scalars import finite, sqrt
 from vlmb.core.scratch import Scratch
 from vlmb.core.tape import gradient
@@ -84,6 +85,8 @@ def constrain(
             return code
     if sizes.beyond > 0:
         write_matrix(sizes, space)
+        if rows.table[0, VARYING] > 0:
+            add_forces_named(rows, sizes, space, tape, buffers)
         if not solve_programme(rows, sizes, space, memory, tape, buffers):
             return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
     write_multipliers(sizes, space)
@@ -131,8 +134,10 @@ def write_lines(
         begin, end, sound = 0, 1, True
         if k < count:
             write_residual(tape, buffers, root, rows.table[1 + k, FORM], k, space.residual)
-            gradient(tape, buffers, root, False)
-            begin, end = tape.entering_ends[root, 0], tape.entering_ends[root, 1]
+            end = 0
+            if rows.table[1 + k, FORM] != OF_FORCES:
+                gradient(tape, buffers, root, False)
+                begin, end = tape.entering_ends[root, 0], tape.entering_ends[root, 1]
         for j in range(line.shape[0]):
             line[j] = 0.0
         for j in range(begin, end):
@@ -165,7 +170,7 @@ def check_behind(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers) -> int:
             return NO_GAIN * KIND + k
     for k in range(head[VARYING]):
         entry = rows.table[1 + count + sizes.controls + k]
-        if entry[OF_ROW] < 0 and buffers.slots[tape.root[entry[ROOT]], 0] <= 0.0:
+        if entry[OF_ROW] == OF_WEIGHT and buffers.slots[tape.root[entry[ROOT]], 0] <= 0.0:
             return NO_GAIN * KIND + entry[ROOT] - head[FIRST] - count
     return 0
 
@@ -313,6 +318,19 @@ def write_matrix(sizes: Sizes, space: Space) -> None:
                 space.matrix[i, k] -= moved[s + j] * space.solved[j, k]
         for j in range(e):
             space.wanted[e + i] -= moved[s + j] * space.solved[j, s]
+
+
+@inner
+def add_forces_named(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers) -> None:
+    """Add the forces of contacts that rows name: multipliers under the controls, each times what the motion gives."""
+    s, first = sizes.controls, 1 + sizes.ideal - sizes.held + sizes.beyond + sizes.controls
+    for k in range(first, first + rows.table[0, VARYING]):
+        entry = rows.table[k]
+        if entry[OF_ROW] < OF_WEIGHT:
+            i, j, share = OF_WEIGHT - 1 - entry[OF_ROW], entry[COLUMN], buffers.slots[tape.root[entry[ROOT]], 0]
+            for control in range(s):
+                space.matrix[i, control] -= share * space.solved[j, control]
+            space.wanted[sizes.ideal + i] -= share * space.solved[j, s]
 
 
 @kernel(copied=True)

@@ -17,7 +17,7 @@ from vlmb.core.angles import FINE
 from vlmb.core.jit import inner, kernel
 from vlmb.core.packed import buffers_of, part, quantities_of, table, tape_of, tree_of
 from vlmb.core.quantities import KIND, LINK, PLANE_ELEVATION, add_row, measure
-from vlmb.core.rows import write_residual, write_row
+from vlmb.core.rows import OF_FORCES, write_residual, write_row
 from vlmb.core.scalars import NAN, atan2, cos, finite, nearest_turn, sin
 from vlmb.core.tape import play_jets, play_values, read_leaves
 from vlmb.core.tree import Array, Integers, Tree
@@ -250,7 +250,11 @@ def rows_of_joints(
             fine = finite(out[0, r]) and fine
             continue
         write_residual(tape, buffers, r, form[r], r, residual)
-        code = write_row(tape, buffers, quantities, tree, r, y, given, reference, line)
+        code = FINE
+        if form[r] == OF_FORCES:
+            clear(line)
+        else:
+            code = write_row(tape, buffers, quantities, tree, r, y, given, reference, line)
         sound = code == FINE and finite(residual[r, 0] + residual[r, 1] + residual[r, 2])
         fine = put_row(joints, tree, axes, y, line, room, sound, known, first + r, matrix) and fine
         drift = residual[r, 2]

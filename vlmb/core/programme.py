@@ -14,7 +14,22 @@ from vlmb.core.dense import (
 )
 from vlmb.core.jit import inner, kernel
 from vlmb.core.opcodes import Buffers, Tape
-from vlmb.core.row_arrays import BORDER, COLUMN, FREE, OF_ROW, REPEATING, ROOT, SIDE, VARYING, RowMemory, Rows, Sizes, Space, view
+from vlmb.core.row_arrays import (
+    BORDER,
+    COLUMN,
+    FREE,
+    OF_ROW,
+    OF_WEIGHT,
+    REPEATING,
+    ROOT,
+    SIDE,
+    VARYING,
+    RowMemory,
+    Rows,
+    Sizes,
+    Space,
+    view,
+)
 from vlmb.core.scalars import sqrt
 from vlmb.core.tree import Array
 
@@ -48,7 +63,7 @@ def ratio_of(rows: Rows, sizes: Sizes, tape: Tape, buffers: Buffers, k: int) -> 
     count = sizes.ideal - sizes.held + sizes.beyond
     for j in range(rows.table[0, VARYING]):
         entry = rows.table[1 + count + sizes.controls + j]
-        if entry[OF_ROW] < 0 and entry[COLUMN] == k:
+        if entry[OF_ROW] == OF_WEIGHT and entry[COLUMN] == k:
             return 1.0 / (sqrt(buffers.slots[tape.root[entry[ROOT]], 0]) * rows.gains[count, k])
     return 1.0
 

@@ -21,7 +21,10 @@ HELD, IDEAL, SERVO, SECOND, CONTROLS, FIRST, FREE, PROJECTED, COUPLED, VARYING, 
 # azimuth's towards the pole; then one for each control; then one for each gain or weight that the motion gives.
 FORM, WORK, UNBOUNDED = range(3)
 ALONG = 0  # of a control: the quantity that it acts along; WORK as above
-ROOT, OF_ROW, COLUMN = range(3)  # of a gain: where in (H, K) it stands; of a weight: OF_ROW is -1, COLUMN the control
+# ROOT and, of a gain, where in (H, K) it stands; of a weight OF_ROW is -1, COLUMN the control; of a force that row i of those
+# beyond the ideal ones names, by which this root is multiplied, OF_ROW is -2 - i, COLUMN the ideal row that it holds.
+ROOT, OF_ROW, COLUMN = range(3)
+OF_WEIGHT = -1
 # Of `state` of a space: sign of det G (0: none) now and at the last accepted step; whether rows of G repeat each other; what the
 # ideal row that has least is still worth beside those before it, as a share of the largest that it has been, in the metric of
 # M^-1; its rate [1/s], value and time [s] at the last accepted step, and the least one that is not looked at more closely. Of

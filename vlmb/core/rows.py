@@ -1,6 +1,7 @@
 """Constraint rows: residual z, rate z', drift of z' and the row W over the velocities, from a tape and the quantities it names.
 
 Rows of positions: z = g, z' = g', drift g''. Rows of velocities: z = 0, z' = g, drift g'. In both z'' = W v' + drift.
+Rows of forces have no W: z' = g is what stands in them beside forces.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from vlmb.core.scalars import wrapped
 from vlmb.core.tape import gradient, play_jets, read_leaves
 from vlmb.core.tree import Array, Tree
 
-OF_POSITIONS, OF_VELOCITIES, OF_ANGLES = range(3)  # forms of a row; OF_ANGLES: of positions, z is wrapped to [-pi, pi)
+OF_POSITIONS, OF_VELOCITIES, OF_ANGLES, OF_FORCES = range(4)  # forms of a row; OF_ANGLES: of positions, z is wrapped to [-pi, pi)
 
 
 @kernel(inline=True)
@@ -23,6 +24,8 @@ def write_residual(tape: Tape, buffers: Buffers, root: int, form: int, r: int, o
     slots, slot = buffers.slots, tape.root[root]
     if form == OF_VELOCITIES:
         out[r, 0], out[r, 1], out[r, 2] = 0.0, slots[slot, 0], slots[slot, 1]
+    elif form == OF_FORCES:
+        out[r, 0], out[r, 1], out[r, 2] = 0.0, slots[slot, 0], 0.0
     else:
         out[r, 0] = wrapped(slots[slot, 0]) if form == OF_ANGLES else slots[slot, 0]
         out[r, 1], out[r, 2] = slots[slot, 1], slots[slot, 2]

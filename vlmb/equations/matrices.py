@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 FORMATS = ("text", "latex", "csv", "npz")
 WHOLE = ("mass_matrix", "bias")  # what may be asked for beside the blocks
+OF_PHASE = ("W", "w", "supported_mass_matrix", "supported_bias")  # and of a phase
 ROUNDING = 1e-14  # of the mass matrix's largest entry: smaller numbers are shown as 0
 WIDTH = 118  # characters
 TEX_COLUMNS = 100  # TeX has no wider paper than 5.7 m
@@ -41,7 +42,8 @@ class Table(NamedTuple):
 
 
 def at_posture(
-    scene: Scene | str | Path | Mapping[str, Any], changes: Sequence[str] = (), form: str = "full"
+    scene: Scene | str | Path | Mapping[str, Any], changes: Sequence[str] = (), form: str = "full",
+    closed: Sequence[str] = (),
 ) -> EquationsOfMotion:
     """Return the equations of a scene at its start, changed by entries such as `psi1=1.2`, `phi1_dot=0.5`, `speed=8`.
 
@@ -59,15 +61,18 @@ def at_posture(
         del rates["speed"]
     for name, value in given.items():
         (rates if name.endswith("_dot") or (ski and name == "speed") else coordinates)[name] = value
-    return equations_of_motion(mechanism, coordinates, rates, form)
+    return equations_of_motion(mechanism, coordinates, rates, form, closed)
 
 
 def tables(eom: EquationsOfMotion, wanted: Sequence[str] = ()) -> list[Table]:
     """Return the blocks asked for, or all of them, each over every row of the equations."""
     known = tuple(eom.columns)
+    phase = OF_PHASE[: 4 if eom.phase.supported else 2] if eom.closed else ()
     found = []
-    for name in wanted or known:
-        if name == "mass_matrix":
+    for name in wanted or (*known, *phase):
+        if name in phase:
+            found.append(_of_phase(eom, name))
+        elif name == "mass_matrix":
             columns = tuple("speed_dot" if row == "speed" else f"{row}_ddot" for row in eom.names)
             found.append(Table(name, eom.names, columns, eom.mass_matrix))
         elif name == "bias":
@@ -77,8 +82,20 @@ def tables(eom: EquationsOfMotion, wanted: Sequence[str] = ()) -> list[Table]:
             rows = tuple(place for places in eom.rows.values() for place in places)
             found.append(Table(name, rows, eom.columns[name], np.vstack(parts)))
         else:
-            raise SceneError(f"--block {name}: no such block; {nearest(name, (*known, *WHOLE))}")
+            raise SceneError(f"--block {name}: no such block; {nearest(name, (*known, *WHOLE, *phase))}")
     return [table for table in found if table.columns]
+
+
+def _of_phase(eom: EquationsOfMotion, name: str) -> Table:
+    """Return a table of a phase: W c'' + w = 0, and the equations of the chain on the foot that stands."""
+    phase = eom.phase
+    if name in ("W", "w"):
+        columns = tuple(f"{row}_ddot" for row in eom.names) if name == "W" else ("1",)
+        return Table(name, phase.names, columns, phase.jacobian if name == "W" else phase.drift[:, None])
+    columns = tuple(f"{row}_ddot" for row in phase.supported)
+    if name == "supported_mass_matrix":
+        return Table(name, phase.supported, columns, eom.supported_mass_matrix)
+    return Table(name, phase.supported, ("1",), eom.supported_bias[:, None])
 
 
 def arrays(eom: EquationsOfMotion, wanted: Sequence[str] = ()) -> dict[str, Array]:
@@ -95,6 +112,10 @@ def arrays(eom: EquationsOfMotion, wanted: Sequence[str] = ()) -> dict[str, Arra
     found |= {"coordinate_names": np.array(names), "coordinates": np.array([eom.coordinates[name] for name in names])}
     found["rates"] = np.array([eom.rates[f"{name}_dot"] for name in names])
     found |= {f"rows_{row}": np.array(places, dtype=str) for row, places in eom.rows.items()}
+    if eom.closed:
+        found |= {"W": eom.phase.jacobian, "w": eom.phase.drift, "phase_rows": np.array(eom.phase.names, dtype=str)}
+        found |= {"supported_mass_matrix": eom.supported_mass_matrix, "supported_bias": eom.supported_bias}
+        found["supported_names"] = np.array(eom.phase.supported, dtype=str)
     return found | {f"columns_{block}": np.array(eom.columns[block], dtype=str) for block in eom.columns if block in blocks}
 
 
@@ -118,7 +139,7 @@ def text(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
     lines += _wrapped("at ", posture)
     owners = {row: _with_owner(eom.mechanism.layout, row) for row in (*eom.names, "speed")}
     for table in blocks:
-        label = max(len(owners[row]) for row in table.rows)
+        label = max(len(owners.get(row, row)) for row in table.rows)
         cells = [[_number(value, tiny) for value in row] for row in table.values.tolist()]
         width = max(len(cell) for row in [*cells, list(table.columns)] for cell in row) + 2
         step = max(1, (WIDTH - label) // width)
@@ -127,13 +148,13 @@ def text(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
             lines += ["", table.block if first == 0 else f"{table.block}, continued"]
             lines.append(" " * label + "".join(f"{name:>{width}s}" for name in table.columns[chosen]))
             for row, values in zip(table.rows, cells, strict=True):
-                lines.append(f"{owners[row]:<{label}s}" + "".join(f"{value:>{width}s}" for value in values[chosen]))
+                lines.append(f"{owners.get(row, row):<{label}s}" + "".join(f"{value:>{width}s}" for value in values[chosen]))
     return "\n".join(lines) + "\n"
 
 
 def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
     """A document of its own, on paper as large as its largest matrix; wide ones are cut into parts."""
-    tiny = _rounding(eom)
+    tiny, known = _rounding(eom), {*eom.names, "speed"}
     most_columns = min(max([len(table.columns) for table in blocks] + [3]), TEX_COLUMNS)
     most_rows = max([len(table.rows) for table in blocks] + [12])
     posture = [f"{tex_of(name)}={_tex_number(value, 0.0)}" for name, value in {**eom.coordinates, **eom.rates}.items()]
@@ -154,7 +175,8 @@ def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
             lines += ["", title, r"\[", rf"\begin{{array}}{{r|{'r' * len(columns)}}}"]
             lines.append(" & " + " & ".join(map(tex_of, columns)) + r" \\ \hline")
             for row, values in zip(table.rows, table.values.tolist(), strict=True):
-                lines.append(f"{tex_of(row)} & " + " & ".join(_tex_number(value, tiny) for value in values[chosen]) + r" \\")
+                shown = tex_of(row) if row in known else rf"\texttt{{{_escaped(row)}}}"
+                lines.append(f"{shown} & " + " & ".join(_tex_number(value, tiny) for value in values[chosen]) + r" \\")
             lines += [r"\end{array}", r"\]"]
     return "\n".join([*lines, r"\end{document}"]) + "\n"
 

@@ -9,7 +9,7 @@ y' = x' tan(phi0), and `speed`, whose first velocity is that along the ski. Ever
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from vlmb.equations.blocks import HEADING_PRODUCT, Blocks, Coefficients, Kinds, coefficients, mass_matrix
+from vlmb.equations.phases import PhaseRows, phase_rows
 from vlmb.equations.solver import LinearSystem, Solution, condition_number, solve
 from vlmb.errors import SceneError, finite, nearest
 from vlmb.model.frozen import Remade
@@ -66,6 +67,7 @@ class EquationsOfMotion(Remade):
     coordinates: Mapping[str, float]
     rates: Mapping[str, float]  # of every coordinate; chaplygin reads x' alone, speed the part along the ski
     form: str
+    closed: tuple[str, ...] = ()  # contacts of a phase that hold
 
     def __repr__(self) -> str:
         return f"<EquationsOfMotion of {self.mechanism.scene.name!r}: form {self.form}; rows {listed(self.names)}>"
@@ -153,6 +155,23 @@ class EquationsOfMotion(Remade):
         if self.form in DRIFTS:
             found[DRIFTS[self.form]] = (("x_dot" if self.form == "chaplygin" else "speed") + "*phi0_dot",)
         return found | {"K": ("g",)}
+
+    @cached_property
+    def phase(self) -> PhaseRows:
+        """Rows of the phase, W c'' + w = 0: of contacts that are closed, then of the scene's ideal constraints."""
+        if self.form != "full":
+            raise SceneError(f"closed: rows of contacts stand over all coordinates: form = 'full', not {self.form!r}")
+        return phase_rows(self.mechanism, self.coordinates, self.rates, self._chart, self.closed)
+
+    @cached_property
+    def supported_mass_matrix(self) -> Array:
+        """B^T A B (n, n): the first closed contact has taken a free base's coordinates out; `phase.supported` names the rest."""
+        return _frozen(self.phase.reduction.T @ self.mass_matrix @ self.phase.reduction)
+
+    @cached_property
+    def supported_bias(self) -> Array:
+        """Velocity products and gravity (n,) of these equations [N, N m]."""
+        return _frozen(self.phase.reduction.T @ (self.bias + self.mass_matrix @ self.phase.carried))
 
     def solve(
         self, forces: ArrayLike | Mapping[str, float] | None = None, known: Mapping[str, float] | None = None
@@ -242,6 +261,7 @@ def equations_of_motion(
     coordinates: Mapping[str, float],
     rates: Mapping[str, float] | None = None,
     form: str = "full",
+    closed: Sequence[str] = (),
 ) -> EquationsOfMotion:
     """Return the equations of motion at a posture.
 
@@ -250,6 +270,7 @@ def equations_of_motion(
     coordinates : every coordinate by name [m, rad].
     rates : by name with `_dot` [m/s, rad/s]; missing ones are 0. A ski's `speed` may stand for x_dot and y_dot.
     form : `full`, or on a ski also `chaplygin` or `speed`.
+    closed : contacts that hold, of the phase whose rows `phase` gives.
 
     Raises SceneError naming a missing, unknown or non-finite coordinate and its link.
     """
@@ -261,7 +282,7 @@ def equations_of_motion(
         where = "" if form not in FORMS else f" of a {layout.base!r} base"
         raise SceneError(f"unknown form {form!r}{where}; allowed: {', '.join(allowed)}")
     posture = complete_posture(mechanism, coordinates)
-    return EquationsOfMotion(mechanism, posture, all_rates(mechanism, posture, rates or {}), form)
+    return EquationsOfMotion(mechanism, posture, all_rates(mechanism, posture, rates or {}), form, tuple(closed))
 
 
 def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> dict[str, float]:

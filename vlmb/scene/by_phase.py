@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 
 from vlmb.errors import SceneError, nearest
-from vlmb.scene.names import PHASE_START
+from vlmb.scene.names import CONTACT_FORCE, PHASE_START
 from vlmb.scene.tables import Force, Programme, SceneTables
 
 NOTHING: frozenset[str] = frozenset()
@@ -44,6 +45,19 @@ def goes_by_phase(scene: SceneTables) -> bool:
     """Whether programmes or forces of a scene act in some phases only."""
     own = scene.programme is not None and is_conditional(scene.programme)
     return bool(scene.programmes) or own or any(map(is_conditional, scene.forces))
+
+
+def goes_by_modes(scene: SceneTables) -> bool:
+    """Whether controls depend on which contacts are held: they are more than the rows, or rows name forces of contacts."""
+    return bool(scene.closing) and any(
+        len(each.controls) != len(each.constraints) + len(each.secondary) or any(map(names_forces, each.secondary))
+        for _, each in programmes_of(scene)
+    )
+
+
+def names_forces(text: str) -> bool:
+    """Whether a row names the force of a contact."""
+    return re.search(CONTACT_FORCE, text) is not None
 
 
 def acting(scene: SceneTables, closed: Collection[str]) -> tuple[tuple[str, ...], tuple[int, ...]]:

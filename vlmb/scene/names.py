@@ -22,6 +22,7 @@ PHASE_TIME, PHASE_START = "phase_t", "phase.start"  # a name of laws, and the pa
 SHOWN, WIDTH = 6, 32  # names in a list for people, and characters of each
 COORDINATE = r"(x|y|z|phi\d+|psi\d+|xi\d+_[12])(_dot)?"
 FORCE = r"F\d+_[12]|F_[xyz]|M_(phi|psi)\d+|T_\w+|R_[\w.]+"
+CONTACT_FORCE = r"\.force\.[xyz]\b"  # of a contact, as secondary rows name it: left.force.z
 REACTION = "|".join((*SNOW, "friction", "impacts"))
 ENERGY = "|".join((*ENERGIES, DAMPERS))
 KINDS = {COORDINATE: "a coordinate", FORCE: "a force", REACTION: "a reaction", ENERGY: "an energy"}

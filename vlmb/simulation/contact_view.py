@@ -102,12 +102,15 @@ class ContactView:
                 mover = self.mover or self._mover([Footing()] * len(self.points))
                 given = mover.inputs_at(self.t, y)
             self.known = dict([*self.known.items()][-3:])
-            found = probe.at(self.t, y, self._branch_at(y), self.works, given)
-            for point, footing in zip(self.points, self.standing, strict=True):
-                if isinstance(point, LegPoint) and point.closed(footing):
-                    found.jets[point.index, 3] = point.gap_jet(self.t, found.jets[point.index], footing)
-            self.known[key] = found
+            self.known[key] = self._on_legs(probe.at(self.t, y, self._branch_at(y), self.works, given))
         return self.known[key]
+
+    def _on_legs(self, found: Answers) -> Answers:
+        """Write the gaps of legs that stand into answers."""
+        for point, footing in zip(self.points, self.standing, strict=True):
+            if isinstance(point, LegPoint) and point.closed(footing):
+                found.jets[point.index, 3] = point.gap_jet(self.t, found.jets[point.index], footing)
+        return found
 
     def _branch_at(self, y: Array) -> list[float]:
         """Return the coordinates of a state, near those of the last sample."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
-from vlmb.simulation.settling import Settling
+from vlmb.simulation.commanded import Commanded
 from vlmb.system.beginning import NEAR_AT_START
 from vlmb.system.contacts import AWAY, OPEN, SLIDING, STANDING, Footing
 from vlmb.system.events import LETS_GO, OPENS, SLIPS, TIPS, TOUCHES
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 NEAR = 1e-9  # [m] a gap that counts as none
 
 
-class LegSteps(Settling):
+class LegSteps(Commanded):
     """Lands legs and lets them go: those with springs change no velocity, those with laws are smooth contacts of their length."""
 
     @property

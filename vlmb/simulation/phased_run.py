@@ -232,6 +232,9 @@ class PhasedRun(LegSteps):
             return Outcome(_with(footings, c, Footing(AWAY)), self.y)
         self.standing = footings
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
+        weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
+        if hit.name == SLIPS and self.points[c].edge is None and c in forces and forces[c][2] <= LIGHT * weight:
+            hit = hit._replace(name=OPENS)  # nothing is left of its force: it lifts, and does not slip
         before, (hit, stand, landing, lost) = footings, self._with_legs(hit, footings)
         footings = tuple(stand)
         self._take_lost(lost)
@@ -243,7 +246,6 @@ class PhasedRun(LegSteps):
                 near.append(point.index)
         opening, leaving = set[int](), dict[int, tuple[int, Array]]()
         if hit.name == OPENS:
-            weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
             carry = [k for k in forces if footings[k].state != RESTING]
             opening = {k for k in carry if forces[k][2] <= LIGHT * weight} | {c}
         elif hit.name == SLIPS and c in forces:

@@ -154,15 +154,6 @@ def robot_histories(
     return found.told()
 
 
-def centre_of_pressure(forces: Sequence[Array], places: Sequence[Array], normals: Sequence[Array]) -> Array:
-    """Return where forces (N, 3) at places (N, 3) press together, by their parts along normals (N, 3); nan where none does."""
-    presses = [np.maximum(np.sum(force * normal, axis=1), 0.0) for force, normal in zip(forces, normals, strict=True)]
-    total = np.sum(presses, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found: Array = np.sum([press[:, None] * place for press, place in zip(presses, places, strict=True)], axis=0)
-        return np.where(total[:, None] > 0.0, found / total[:, None], np.nan)
-
-
 def lowest_gaps(system: RobotSystem, stretches: Sequence[Stretch], t: Array, places: Mapping[str, Array]) -> dict[str, float]:
     """Return the lowest gap [m] of each contact, without the time in which its `when` has refused it; places (N, 3) by name."""
     found = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fnmatch
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -24,10 +23,11 @@ from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
 from vlmb.simulation.phased_run import PhasedRun
-from vlmb.simulation.robot_histories import centre_of_pressure, held_rows, lowest_gaps, robot_histories, snow_of, told_rows
+from vlmb.simulation.pressure import centre_of_pressure, contacts_named
+from vlmb.simulation.robot_histories import held_rows, lowest_gaps, robot_histories, snow_of, told_rows
 from vlmb.simulation.samples import samples_of
 from vlmb.simulation.trajectory import Trajectory, versions
-from vlmb.system.contacts import Footing
+from vlmb.system.contacts import ContactPoint
 from vlmb.system.robot_engine import RobotEngine
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
 from vlmb.system.robot_start import robot_start
@@ -178,17 +178,11 @@ class RobotTrajectory(Trajectory):
             with np.errstate(invalid="ignore", divide="ignore"):
                 off = np.column_stack([-wrench[:, 4], wrench[:, 3], np.zeros(len(place))]) / wrench[:, 2:3]
             return read_only(place + np.where(wrench[:, 2:3] == 0.0, np.nan, off))
-        known = [point for point in self.system.points if any(fnmatch.fnmatchcase(point.name, name) for name in names)]
-        for name in names:
-            if not any(fnmatch.fnmatchcase(point.name, name) for point in known):
-                every = [point.name for point in self.system.points]
-                raise TrajectoryError(f"no contact {name!r:.80}; {nearest(name, every)}")
-        places = [self.position(point.contact.point) for point in known]
-        normals = [
-            np.array([point.frame(t, place, False, Footing())[0][2] for t, place in zip(self.t.tolist(), every, strict=True)])
-            for point, every in zip(known, places, strict=True)
-        ]
-        return read_only(centre_of_pressure([self.reactions[point.name] for point in known], places, normals))
+        known = contacts_named(self.system.points, names)
+        return read_only(centre_of_pressure(known, self.t, self._place_of, self.reactions, plane=False))
+
+    def _place_of(self, point: ContactPoint) -> Array:
+        return self.position(point.contact.point)
 
     @cached_property
     def lowest_gaps(self) -> Mapping[str, float]:

@@ -38,10 +38,11 @@ from vlmb.simulation.named import Named, Residual
 from vlmb.simulation.phase_forces import forces_in_phases, lowest_gaps
 from vlmb.simulation.phases import Event, Phase, Stretch, Turn, begun, phases_of
 from vlmb.simulation.phases_data import phases_as_data
+from vlmb.simulation.pressure import centre_of_pressure, contacts_named
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
-from vlmb.system.contacts import HELD, work_names_of
+from vlmb.system.contacts import HELD, ContactPoint, work_names_of
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -228,6 +229,14 @@ class Trajectory(Remade, Displayed):
         ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
         return Named("reaction", (*snow, *ideal), lambda name: self._evaluations["reactions"][name])
 
+    def centre_of_pressure(self, *names: str) -> Array:
+        """Return where contacts press together (N, 3) [m], nan where none does: by name, or by a pattern as "left_*"."""
+        known = contacts_named([point for point in self.system.points if type(point) is ContactPoint], names)
+        return read_only(centre_of_pressure(known, self.t, self._place_of, self.reactions, self.scene.plane))
+
+    def _place_of(self, point: ContactPoint) -> Array:
+        return np.column_stack([self[name] if name else np.zeros(len(self.t)) for name in point.names])
+
     def hinge_force(self, link: str) -> Array:
         """Force (N, 3) [N] of the parent on a link at its hinge, surface frame."""
         return self._at_hinge("hinges", link)
@@ -245,7 +254,7 @@ class Trajectory(Remade, Displayed):
 
     @property
     def conditions(self) -> Array:
-        """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample.
+        """How difficult a programme is (N,): the largest singular value of G in the run over the smallest at each sample.
 
         G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
         programme.
@@ -350,7 +359,7 @@ class Trajectory(Remade, Displayed):
         return to_xarray(self.columns(points, hinges), about | {"vlmb": self.versions.get("vlmb", "")})
 
     def summary(self) -> str:
-        """Return what a user wants to know of the run in a few lines."""
+        """Return the main facts of the run in a few lines: status, energy balance, residuals, largest forces, warnings."""
         if not programmes_of(self.scene):
             return summarize(self, "")
         condition = np.fmax.reduce(self.conditions, initial=0.0)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from vlmb.core.joints import rows_of_joints
+from vlmb.core.row_arrays import OF_WEIGHT
 from vlmb.errors import SingularError
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.constraints import STEEP, ConstraintSet, contradiction
@@ -66,8 +67,11 @@ class ConstraintSolver:
         h, k = gain_table(info, plan, self.ideal, gain)
         law[held:, 0, : len(info)], law[held:, 1, : len(info)], law[held:, 2, : len(info)] = h, k, -np.eye(len(info))
         self.law = law.reshape(held + len(info), 3 * width)  # (z, z', drift) -> what W vdot shall be
+        self.named = list[tuple[int, int, int]]()  # row beyond the ideal ones, multiplier that it names, by which value behind
         self.varying = list[tuple[int, int, int]]()  # row and column of the law that the motion gives, by which value behind
         for at, (row, column) in enumerate(moving_places(info, plan, self.ideal)):
+            if plan is not None and row < OF_WEIGHT:
+                self.named.append((OF_WEIGHT - 1 - row, held + column, len(info) + plan.moving.first_entry + at))
             if plan is not None and row >= 0:
                 order, of = divmod(column, len(info))
                 self.varying.append((held + row, order * width + of, len(info) + plan.moving.first_entry + at))
@@ -152,6 +156,8 @@ class ConstraintSolver:
         if count:
             solved = self._schur(moved[n_controls + 1 :, :count].T, moved[: n_controls + 1, :count].T)
             moved = moved[: n_controls + 1, count:] - solved.T.dot(moved[n_controls + 1 :, count:])
+            for row, of, at in self.named:
+                moved[:, row] -= self.numbers[0, at] * solved[of]
         if self.programme is not None:
             self.scaled[:] = self.programme.solve(moved[:n_controls].T, moved[n_controls], self.behind)
         if count:

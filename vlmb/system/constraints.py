@@ -6,9 +6,10 @@ drift = (dz'/db) b' + (dz'/db') b''(vdot = 0) + dz'/dt (the paper's chi without 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -43,8 +44,10 @@ class Constraint:
     working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
     azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
     unbounded: bool = False  # W grows without bound: that of an azimuth towards the pole
+    of_forces: bool = False  # it is one of forces of contacts, and has no W
 
 
+NO_FORCES: Mapping[str, Equation] = MappingProxyType({})
 STEEP = 30.0  # size of the row of an azimuth [1/rad] whose link stands next to the pole
 
 
@@ -70,19 +73,25 @@ class ConstraintSet:
         texts: Sequence[tuple[str, str, bool]],
         pushed: Sequence[tuple[GeneralizedForce, float]] = (),
         behind: Sequence[Expression] = (),
+        rests: Mapping[str, Equation] = NO_FORCES,
     ) -> None:
-        """Compile (text, key path, ideal) rows, and what else shall be read with them."""
+        """Compile (text, key path, ideal) rows, and what else shall be read with them.
+
+        rests : of rows that name forces, by key path, what stands beside these
+        """
         names = allowed_names(mechanism.names, numbers_of(mechanism.scene), mechanism.signals)
         rows = [read_row(text, key) for text, key, _ in texts]
-        equations = [parse_equation(row.equation, row.key, names) for row in rows]
+        equations = [rests.get(row.key) or parse_equation(row.equation, row.key, names) for row in rows]
+        of_forces = [row.key in rests for row in rows]
         pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]
         self.roots = (*map(partial(_regular, mechanism), equations, pairs), *behind)  # as they are compiled
         self.behind = tuple(behind)
         forces, scales = [force for force, _ in pushed], [scale for _, scale in pushed]
-        self.readings = make_readings(mechanism, self.roots, forces, scales, len(rows))
+        self.readings = make_readings(mechanism, self.roots, forces, scales, len(rows), np.flatnonzero(of_forces))
         kinds = [row[0] for row in self.readings.table.rows]
         unbounded = [any(kinds[at] == AZIMUTH for at in self.readings.read(root)) for root in range(len(rows))]
-        self.info = tuple(map(_classify, rows, equations, self.readings.compiled.rows[: len(rows)], pairs, unbounded))
+        facts = self.readings.compiled.rows[: len(rows)]
+        self.info = tuple(map(_classify, rows, equations, facts, pairs, unbounded, of_forces))
         self.texts = tuple(info.text for info in self.info)
         self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
@@ -171,8 +180,10 @@ def _flat(mechanism: Mechanism, azimuth: str) -> tuple[Tree, Tree]:
 
 
 def _classify(
-    row: Row, equation: Equation, facts: RowFacts, azimuths: tuple[str, str] | None, unbounded: bool
+    row: Row, equation: Equation, facts: RowFacts, azimuths: tuple[str, str] | None, unbounded: bool, of_forces: bool
 ) -> Constraint:
+    if of_forces:
+        return Constraint(row.name, False, False, equation.names, False, of_forces=True)
     if not facts.moves:
         raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
     return Constraint(row.name, facts.position, facts.angle, equation.names, facts.working, azimuths, unbounded)

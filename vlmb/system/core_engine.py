@@ -208,6 +208,16 @@ class CoreEngine:
         """Let forces from outside have these values (S,), where no control is asked for them."""
         self.memory.inputs[:] = values
 
+    def controls(self) -> dict[str, float]:
+        """Return the controls of the programme at the last evaluation, by name."""
+        rows = self.plan.plant.rows
+        if self.programme is None:
+            return {}
+        sizes = sizes_of(rows)
+        count = int(sizes.controls)
+        values = parts(sizes, self.memory.rows).shares[:count] * self.programme.scales
+        return dict(zip(self.plan.controls, values.tolist(), strict=True))
+
     def look_at_contacts(self, t: float, y: Array) -> ContactLook:
         """Return places and gaps of all contacts with two derivatives, and what holds closed ones, at (t, y)."""
         self.evaluate(t, y)

@@ -21,6 +21,7 @@ from vlmb.core.row_arrays import (
     HELD,
     IDEAL,
     OF_ROW,
+    OF_WEIGHT,
     PROJECTED,
     ROOT,
     SECOND,
@@ -59,13 +60,19 @@ def gain_table(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: in
 
 
 def moving_places(info: Sequence[Constraint], plan: ProgrammePlan | None, ideal: int) -> list[tuple[int, int]]:
-    """Return row and column in (H, K), over all rows, of the entries that the motion gives; (-1, control) of a weight."""
+    """Return row and column in (H, K), over all rows, of the entries that the motion gives.
+
+    Of a weight: (OF_WEIGHT, control); of the factor of a force that row i beyond the ideal ones names: (OF_WEIGHT - 1 - i, which
+    ideal row, the knife edge not counted).
+    """
     if plan is None:
         return []
     positions, found = [k for k, holonomic in enumerate(plan.holonomic.tolist()) if holonomic], []
     for entry in plan.moving.entries:
         if entry.kind == "weights":
-            found.append((-1, entry.column))
+            found.append((OF_WEIGHT, entry.column))
+        elif entry.kind == "force":
+            found.append((OF_WEIGHT - 1 - entry.row, entry.column))
         else:
             own = [k for k in positions if k >= entry.first]
             column = own[entry.column] if entry.kind == "h" else len(info) + entry.first + entry.column
@@ -97,7 +104,7 @@ def make_rows(
         numbers[0, [FREE, BORDER]] = behind, behind + 1 + len(varying)
     own = {} if contacts is None else contacts.work_of()
     for at, row in enumerate(info):
-        numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle)
+        numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle, row.of_forces)
         numbers[1 + at, WORK] = works[own.get(row.text, row.text)] if at < ideal and row.working else -1
         numbers[1 + at, UNBOUNDED] = row.unbounded
     for at, force in enumerate(acting):
@@ -105,6 +112,7 @@ def make_rows(
     for at, place in enumerate(varying):
         entry = 1 + len(info) + len(acting) + at
         numbers[entry, [ROOT, OF_ROW, COLUMN]] = behind + moving.first_entry + at, *place
+        numbers[entry, COLUMN] += held and place[0] < OF_WEIGHT
     gains = np.zeros((len(info) + 1, max(2 * len(info), len(acting) + 1)))
     h, k = gain_table(info, plan, ideal, run.gain)
     gains[: len(info), : 2 * len(info)] = np.hstack([h, k])

@@ -33,16 +33,16 @@ AUTO_STEP = 0.5  # and never faster than this over the step of a fixed-step meth
 class Entry(NamedTuple):
     """An entry of `h`, `k` or a weight that the motion gives."""
 
-    kind: str  # h, k, weights
-    row: int  # -1 of a weight
-    column: int  # of a weight: which control; else counted from the first row of its programme
+    kind: str  # h, k, weights, force
+    row: int  # -1 of a weight; of a force among the rows of the programme and the secondary ones
+    column: int  # of a weight: which control; of a force: which ideal row; else counted from the first row of its programme
     law: Expression
     first: int = 0  # row of its programme, where several are united
 
 
 @dataclass(frozen=True)
 class MovingGains:
-    """What of a programme the motion gives: u0, entries of h and k, weights, and the border of (5.6)."""
+    """What of a programme the motion gives: u0, entries of h and k, weights, factors of forces, and the border of (5.6)."""
 
     free: Expression | None = None
     entries: tuple[Entry, ...] = ()

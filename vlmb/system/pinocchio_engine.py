@@ -211,6 +211,11 @@ class PinocchioEngine:
         reader = self.workspace.applied.reader
         return [] if reader is None else self.workspace.inputs(t, self.workspace.unpack(t, y)).tolist()
 
+    def controls(self) -> dict[str, float]:
+        """Return the controls of the programme at the last evaluation, by name."""
+        solver = self.workspace.solver
+        return {} if solver.programme is None else dict(zip(solver.programme.names, solver.controls.tolist(), strict=True))
+
     def look_at_contacts(self, t: float, y: Array) -> ContactLook:
         """Return places and gaps of all contacts with two derivatives, and what holds closed ones, at (t, y)."""
         work, contacts = self.workspace, self.system.contacts

@@ -18,11 +18,10 @@ from scipy.linalg import lapack
 from vlmb.errors import SceneError, SingularError, nearest
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
-from vlmb.model.quantities import allowed_names
-from vlmb.scene.by_phase import keyed, numbers_of, programme_at, programmes_of
+from vlmb.scene.by_phase import keyed, programme_at, programmes_of
 from vlmb.scene.tables import DEFAULT_STEP, FIXED_STEP, Programme, Run
-from vlmb.system.constraints import Constraint, ConstraintSet
-from vlmb.system.gains import VARY, MovingGains, fixed_number, gain_matrices, moving_gains, stability_report
+from vlmb.system.constraints import Constraint
+from vlmb.system.gains import VARY, MovingGains, fixed_number, gain_matrices, stability_report
 
 Array = NDArray[np.float64]
 
@@ -57,8 +56,9 @@ class ProgrammePlan:
 
 
 def make_plan(
-    mechanism: Mechanism, programme: Programme, rows: Sequence[Constraint], second: Sequence[Constraint], run: Run
-) -> ProgrammePlan:
+    mechanism: Mechanism, programme: Programme, rows: Sequence[Constraint], second: Sequence[Constraint], run: Run,
+    moving: MovingGains,
+) -> ProgrammePlan:  # fmt: skip
     """Choose gains and check them. Raises SceneError for too few controls, and for gains under which errors would grow."""
     scene = mechanism.scene
     acting = control_channels(mechanism)
@@ -71,7 +71,6 @@ def make_plan(
     step = (run.step or DEFAULT_STEP) if run.method in FIXED_STEP else None
     holonomic = np.array([row.holonomic for row in rows], dtype=bool)
     h, k = united_gains(keyed(programme), holonomic, own_rate(mechanism), step, scene.parameters)
-    moving = read_moving_gains(mechanism)
     decay = united_decay(programme, holonomic, h, k, moving, run.method, step)
     check_border(programme, len(rows), len(acting))
     second_holonomic = np.array([row.holonomic for row in second], dtype=bool)
@@ -79,6 +78,8 @@ def make_plan(
     if second:
         given = [(key, secondary_gains_of(part)) for key, part in keyed(programme) if part.secondary]
         second_h, second_k = united_gains(given, second_holonomic, own_rate(mechanism), step, {})
+        for at in np.flatnonzero([row.of_forces for row in second]):
+            second_k[at, at] = -1.0  # what such a row asks for, it has at once
     return ProgrammePlan(
         tuple(row.text for row in rows), names, control_scales(mechanism, acting), holonomic, h, k, decay, moving,
         second_holonomic, second_h, second_k,
@@ -101,7 +102,7 @@ def united_decay(
     programme: Programme, holonomic: NDArray[np.bool_], h: Array, k: Array, moving: MovingGains, method: str, step: float | None
 ) -> str:
     """Say how errors decay under programmes that act at once. Raises SceneError where they would grow."""
-    if any(entry.kind != "weights" for entry in moving.entries):
+    if any(entry.kind in ("h", "k") for entry in moving.entries):
         return VARY
     parts = _parts(keyed(programme), holonomic)
     told = [stability_report(h[n, m], k[n, n], flags, method, step or 0.0, part.gains) for part, flags, n, m in parts]
@@ -136,29 +137,6 @@ def check_border(programme: Programme, rows: int, controls: int) -> None:
             f"programme.u0: u_tau of (5.6) is one vector for one control more than rows and border; here are {controls} controls "
             f"and {rows} rows: it needs {need}{found}; or use `secondary`"
         )
-
-
-def read_moving_gains(mechanism: Mechanism) -> MovingGains:
-    """Read what of a scene's programme the motion gives; nothing without one. Raises ExpressionError."""
-    scene = mechanism.scene
-    programme = programme_at(scene)
-    if programme is None:
-        return MovingGains()
-    allowed = allowed_names(mechanism.names, numbers_of(scene), mechanism.signals)
-    names = [channel.name for channel in control_channels(mechanism)]
-    return moving_gains(programme, names, allowed, scene.parameters)
-
-
-def compile_rows(mechanism: Mechanism) -> ConstraintSet | None:
-    """Compile the ideal rows, those of the programme, then its secondary ones; None where there are none."""
-    scene, parts = mechanism.scene, keyed(programme_at(mechanism.scene))
-    texts = [(text, f"constraints[{k}]", True) for k, text in enumerate(scene.constraints)]
-    for what in ("constraints", "secondary"):
-        texts += [(text, f"{key}.{what}[{k}]", False) for key, part in parts for k, text in enumerate(getattr(part, what))]
-    acting = control_channels(mechanism)
-    scales = control_scales(mechanism, acting).tolist()
-    behind = read_moving_gains(mechanism).laws
-    return ConstraintSet(mechanism, texts, list(zip(acting, scales, strict=True)), behind) if texts else None
 
 
 class ProgrammeControl:

@@ -6,7 +6,7 @@ velocities. A prescribed length is a velocity there, so it is free in the tree t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,11 +109,11 @@ def no_direction(force: GeneralizedForce, layout: Layout) -> SingularError:
 
 def make_readings(
     mechanism: Mechanism, roots: Sequence[Expression | Equation], forces: Sequence[GeneralizedForce] = (),
-    scales: Sequence[float] | None = None, rows: int | None = None,
+    scales: Sequence[float] | None = None, rows: int | None = None, of_forces: Collection[int] = (),
 ) -> Readings:  # fmt: skip
     """Compile equations and laws (roots) and forces with their scales for Pinocchio's state. Raises ExpressionError.
 
-    rows : how many roots are rows, the others are read by value; None: all
+    rows : how many roots are rows, the others are read by value; None: all; of_forces: which of them name forces
     """
     scene, layout = mechanism.scene, mechanism.layout
     arrays = make_arrays(scene, layout, sliding=True, driven=True)
@@ -126,7 +126,9 @@ def make_readings(
     parts = tape_parts(compiled.tape, prepared(compiled, parameters, roots), parameters) | {
         packed.KIND: quantities.kind, packed.TREE_SHAPE: arrays.tree.shape, packed.LINK: arrays.tree.link,
         packed.JOINT_SHAPE: np.array([layout.plane, layout.base_size]), packed.JOINT: _joints(arrays),
-        packed.FORM: np.array([form_of_row(row.position, row.angle) for row in compiled.rows[:rows]], np.int64),
+        packed.FORM: np.array(
+            [form_of_row(row.position, row.angle, k in of_forces) for k, row in enumerate(compiled.rows[:rows])], np.int64
+        ),
         packed.LEVELS: table.levels(), packed.ALONG: np.array(along, np.int64),
         packed.OFFSET: quantities.offset, packed.SHARE: quantities.share, packed.BASE: arrays.tree.base,
         packed.REAL: arrays.tree.real, packed.GIVEN: arrays.given,
@@ -139,9 +141,9 @@ def make_readings(
     return Readings(layout, arrays, table, compiled, parameters, tuple(forces), pack(parts))
 
 
-def form_of_row(position: bool, angle: bool) -> int:
+def form_of_row(position: bool, angle: bool, of_forces: bool = False) -> int:
     """Return the form of a row as the core has it."""
-    return rows.OF_ANGLES if angle else rows.OF_POSITIONS if position else rows.OF_VELOCITIES
+    return rows.OF_FORCES if of_forces else rows.OF_ANGLES if angle else rows.OF_POSITIONS if position else rows.OF_VELOCITIES
 
 
 def _joints(arrays: Arrays) -> Integers:

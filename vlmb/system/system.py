@@ -36,7 +36,8 @@ from vlmb.system.friction import SkiFriction
 from vlmb.system.gains import require_decay
 from vlmb.system.point_forces import is_named, outer_forces
 from vlmb.system.prescribed import Prescribed, prescribed_segments
-from vlmb.system.programme import ProgrammePlan, compile_rows, control_channels, make_plan
+from vlmb.system.programme import ProgrammePlan, control_channels, make_plan
+from vlmb.system.programme_rows import read_rows
 from vlmb.system.slips import Slips
 from vlmb.system.springs import DirectionSpring, SegmentSprings, direction_springs, free_segments
 from vlmb.system.stops import all_points
@@ -151,8 +152,8 @@ class System:
         scene = self.mechanism.scene
         made = self.with_scene(phase_scene(scene, self.points, footings, bare, began, closed))
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
-        system = make_system(made, self.run, None if bare else self.forces.inputs)
-        return dataclasses.replace(system, contacts=contacts, until=None if bare else self.until, ends_at=self.ends_at)
+        system = make_system(made, self.run, None if bare else self.forces.inputs, contacts)
+        return dataclasses.replace(system, until=None if bare else self.until, ends_at=self.ends_at)
 
     @property
     def size(self) -> int:
@@ -216,14 +217,15 @@ class System:
 
 
 def make_system(
-    mechanism: Mechanism, run: Run | None = None, inputs: Sequence[str] | None = None, **options: Any
-) -> System:
+    mechanism: Mechanism, run: Run | None = None, inputs: Sequence[str] | None = None,
+    contacts: PhaseContacts | None = None, **options: Any,
+) -> System:  # fmt: skip
     """Compile all that acts on a mechanism.
 
     Parameters
     ----------
     run : None means the scene's; `options` are put over it, such as knife_edge="multiplier", gain=0.0
-    inputs : names of forces whose values come from outside, as of a control
+    inputs : names of forces whose values come from outside, as of a control; contacts: of a phase
 
     Raises SceneError for what is wrong with forces, equations, programme, gains or options.
     """
@@ -240,7 +242,7 @@ def make_system(
         key, value = ("engine", "pinocchio") if run.engine == "core" else ("knife_edge", "multiplier")
         raise SceneError(f'{mechanism.massless[0]}, or let ideal rows hold it with run.{key} = "{value}"')
     springs, prescribed = direction_springs(mechanism), prescribed_segments(mechanism)
-    forces, rows, plan = applied_forces(mechanism, inputs), compile_rows(mechanism), None
+    forces, (rows, moving), plan = applied_forces(mechanism, inputs), read_rows(mechanism, contacts), None
     held = mechanism.layout.edged and run.knife_edge != "reduction"
     if held or scene.constraints:
         require_decay(run)
@@ -248,8 +250,8 @@ def make_system(
     if programme is not None:
         assert rows is not None
         servo = len(scene.constraints) + len(programme.constraints)
-        plan = make_plan(mechanism, programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run)
-    system = System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan)
+        plan = make_plan(mechanism, programme, rows.info[len(scene.constraints) : servo], rows.info[servo:], run, moving)
+    system = System(mechanism, run, tuple(free_segments(mechanism)), springs, prescribed, forces, rows, plan, contacts)
     return dataclasses.replace(system, by_phase=_rows_by_phase(system, run)) if goes_by_phase(scene) else system
 
 
@@ -263,10 +265,7 @@ def _rows_by_phase(system: System, run: Run) -> tuple[Constraint, ...]:
 
 
 class Workspace:
-    """The buffers of one run of a system: right-hand side of y = (q, v, work), and all forces. One thread at a time.
-
-    Mass matrix and bias by Pinocchio, one Cholesky.
-    """
+    """The buffers of one run of a system: right-hand side of y = (q, v, work), and all forces. One thread at a time."""
 
     def __init__(self, system: System, control: Control | None = None, branch: Sequence[float] | None = None) -> None:
         mechanism = system.mechanism

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.reading import Postures
 from vlmb.scene.tables import Link
-from vlmb.views import appearance, shapes
+from vlmb.views import appearance, shapes, walking
 from vlmb.views.appearance import Look, look_of
 from vlmb.views.shapes import Mesh
 
@@ -81,6 +81,11 @@ def person_of(mechanism: Mechanism, seen: Postures, rotations: Array) -> Person 
     return Person(scale, looks, left, turned, paired, _arms(mechanism, seen, looks, turned, rotations, scale))
 
 
+def stands_on_legs(person: Person, seen: Postures) -> bool:
+    """Whether legs hang from its hips; a pelvis is where they do."""
+    return any(look.part == "legs" and walking.hangs(seen, i) for i, look in person.looks.items())
+
+
 def part_of(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part | None:
     """Return what a link is drawn with; None: as a link that is no part of a body."""
     if i not in person.looks or person.looks[i].part not in MAKERS:
@@ -93,7 +98,7 @@ def crowns(person: Person, mechanism: Mechanism, seen: Postures) -> list[Array]:
     layout, found = mechanism.layout, []
     for i, look in person.looks.items():
         last = not any(layout.links[k].parent == i and person.looks[k].part in ("trunk", "neck", "head") for k in person.looks)
-        if last and look.part in ("legs", "trunk", "head"):
+        if last and look.part in ("legs", "trunk", "head") and not (look.part == "legs" and walking.hangs(seen, i)):
             above = 0.13 if look.part == "head" or (mechanism.scene.links[i].tip_mass and look.part == "trunk") else 0.47
             found.append(seen.position(i, "tip") + above * person.scale * seen.directions[:, i])
     return found
@@ -102,6 +107,8 @@ def crowns(person: Person, mechanism: Mechanism, seen: Postures) -> list[Array]:
 def _legs(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
     """Draw both legs, or one, with knees, about a strut that is the link; on the last link all that rides on it."""
     link, b = mechanism.scene.links[i], person.scale
+    if walking.hangs(seen, i):
+        return _hanging(person, mechanism, seen, i)
     children = [k for k in person.looks if mechanism.layout.links[k].parent == i]
     pair = i in person.paired
     strut = shapes.bellows(0.028 * b)
@@ -123,6 +130,27 @@ def _legs(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
     rod = shapes.limb(link.rod.length, 0.032 * b) if link.rod.length > 0.0 else None
     waist = strut if children else shapes.bellows(0.62 * TRUNK * b, WIDE, DEEP)
     return Part(rod, strut, waist, mass, colour, clothes)
+
+
+def _hanging(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
+    """Draw a leg that hangs from the hip, about a thin strut that is the link."""
+    link, b = mechanism.scene.links[i], person.scale
+    side = walking.aside(link.name, mechanism.layout.plane) * b
+    reach = seen.distance(i, "tip") - walking.ANKLE * b
+    thigh, shank, knee, upper, lower = walking.bent(reach, walking.whole(reach), THIGH / (SHANK + THIGH))
+    hip = np.array([0.0, side, 0.0])
+    tip = seen.position(i, "tip") + side * person.left
+    ahead = np.cross(person.left, [0.0, 0.0, 1.0])
+    flat = np.stack([ahead, person.left, np.broadcast_to([0.0, 0.0, 1.0], ahead.shape)], axis=2)
+    above = shapes.join([shapes.limb(thigh, 0.072 * b), shapes.ball(0.075 * b)])
+    clothes = (
+        Worn("", "thigh", above, appearance.TROUSERS, np.broadcast_to(hip, knee.shape), _about_left(upper[:, 0], upper[:, 2])),
+        Worn("", "shank", shapes.limb(shank, 0.05 * b), appearance.TROUSERS, hip + knee, _about_left(lower[:, 0], lower[:, 2])),
+        Worn(None, f"{link.name}/shoe", walking.shoe(b), appearance.BOOTS, tip, flat),
+    )
+    rod = shapes.limb(link.rod.length, 0.02 * b) if link.rod.length > 0.0 else None
+    strut, foot = shapes.bellows(0.018 * b), shapes.ball(0.03 * b) if link.tip_mass else None
+    return Part(rod, strut, strut, foot, appearance.BOOTS, clothes)
 
 
 def _bent(link: Link, hips: Array, b: float, pair: bool) -> tuple[Worn, ...]:
@@ -175,6 +203,8 @@ def _trunk(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part
                else shapes.barrel(length, 0.93 * radius, WIDE, DEEP))  # fmt: skip
     waist = shapes.bellows((0.9 if below else 0.8) * radius, WIDE, DEEP)
     clothes: tuple[Worn, ...] = ()
+    if any(person.looks[k].part == "legs" and walking.hangs(seen, k) for k in children):
+        clothes += (_worn("rod", "pelvis", shapes.ellipsoid(0.11 * b, 1.25, 0.95), appearance.TROUSERS),)
     if top and not any(part == "arm" for part in blocks):
         clothes += _own_arms("rod", b, length - 0.06 * b)
     mass, colour = None, appearance.JACKET

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vlmb.errors import VlmbError, nearest
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import force_symbol, panel_label, quantity_of
+from vlmb.views.contact_plots import contacts
 from vlmb.views.dark import darkened
 from vlmb.views.data_plots import data
 from vlmb.views.panels import (
@@ -130,8 +131,8 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     runs = listed(trajectory)
     names = list(dict.fromkeys(name for run in runs for name in run.reactions))
     moments = [name for name in names if name.endswith("_moment")]
-    contacts = list(dict.fromkeys(name for run in runs for name in run.scene.touching))
-    others = [name for name in names if name not in ("knife_edge", "normal", "ski", *moments, *contacts)]
+    touching = list(dict.fromkeys(name for run in runs for name in run.scene.touching))
+    others = [name for name in names if name not in ("knife_edge", "normal", "ski", *moments, *touching)]
 
     def lines(which: Iterable[str]) -> list[Series]:
         return [
@@ -144,7 +145,7 @@ def reactions(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     panels += [("normal force [N]", lines(["normal"]))] if "normal" in names else []
     panels += [("moments of the snow\n[N m]", lines(moments))] if moments else []
     panels += [("reactions\n[N, N m]", lines(others))] if others else []
-    forces = [Series(name, i, contact_reader(name)) for i, name in enumerate(contacts)]
+    forces = [Series(name, i, contact_reader(name)) for i, name in enumerate(touching)]
     panels += [("contact force [N]", forces)] if forces else []
     links = list(dict.fromkeys(link.name for run in runs for link in run.scene.links))
     panels += [("hinge force [N]", [Series(name, i, hinge_reader(name)) for i, name in enumerate(links)])] if links else []
@@ -202,7 +203,7 @@ def phase(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
 PLOTS: dict[str, Callable[..., Figure]] = {
     "coordinates": coordinates, "path": path, "energy": energy, "residuals": residuals,
     "reactions": reactions, "controls": controls, "power": power, "deviations": deviations, "strengths": strengths,
-    "phase": phase, "data": data,
+    "contacts": contacts, "phase": phase, "data": data,
 }  # fmt: skip
 
 

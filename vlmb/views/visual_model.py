@@ -24,7 +24,7 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.views import appearance, shapes
 from vlmb.views.appearance import look_of
 from vlmb.views.bodies import Body
-from vlmb.views.person import Part, Person, crowns, part_of, person_of
+from vlmb.views.person import Part, Person, crowns, part_of, person_of, stands_on_legs
 from vlmb.views.phase_scenery import draw_footprints, draw_forces, draw_legs, told_events
 from vlmb.views.reference_path import course
 from vlmb.views.sampling import at_times, smooth
@@ -136,15 +136,14 @@ def _build(
     rotations = kinematics(layout, q, np.zeros((len(q), layout.nv))).rotations
     size = _size(mechanism)
     bodies: list[Body] = []
-    base = seen.place
+    base, person = seen.place, person_of(mechanism, seen, rotations)
     if layout.base == "ski":
         heading = _about_z(q[:, 2], q[:, 3])
         bodies += draw_ski(scene, base, heading)
         bodies += _bindings(mechanism, size)
         bodies += draw_ways(base, size, programme)
-    elif layout.base == "free" and scene.base.mass:
+    elif layout.base == "free" and scene.base.mass and not (person and stands_on_legs(person, seen)):
         bodies.append(Body("base", shapes.ball(_ball_radius(scene.base.mass, size)), appearance.MASS, base))
-    person = person_of(mechanism, seen, rotations)
     hinges = [seen.position(i, "hinge") for i in layout.order]
     tips = [seen.position(i, "tip") for i in layout.order]
     for i in layout.order:
