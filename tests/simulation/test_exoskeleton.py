@@ -140,3 +140,22 @@ def test_what_a_motor_does_is_named_and_counted(run):
     for name in (*MOTORS, "F8_1"):
         assert name in run.work_by_force and name in run.summary()
     assert "left_knee_x" in run.summary()
+
+
+def test_what_acts_and_what_is_closed_are_made_to_agree(run):
+    """A step too short for the hips' speed: on both feet one would have to pull, so the other programme lifts the one."""
+    short = vlmb.simulate(run.scene.changed(parameters={"reach": 0.34}), duration=2.42)
+    assert [f"{event.kind} {event.name}" for event in short.events] == ["open right", "bounce right"]
+    assert short.status == "finished" and short.phases[-1].closed == ("left",) and short["right_shank.tip.z"][-1] > 1e-4
+
+
+def test_a_programme_that_asks_the_ground_to_pull_is_named(run):
+    """Always the same rows, the hips half a metre ahead of where they shall be: no set of feet gives the force for that."""
+    scene = run.scene.to_dict()
+    rows = scene.pop("programmes")[0]
+    hips = rows["constraints"][0].replace("stance/2", "stance/2 - 0.5")
+    del rows["closed"]
+    always = {**rows, "constraints": [hips, *rows["constraints"][1:]], "frequency": 20.0}
+    stopped = vlmb.simulate(vlmb.Scene.from_dict({**scene, "programme": always}), duration=0.1)
+    assert stopped.status == "stopped" and "no motion is admissible under what the rows of programme ask for" in stopped.message
+    assert "left" in stopped.message and "another programme" in stopped.message

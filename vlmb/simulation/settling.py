@@ -5,7 +5,8 @@ An impact changes velocities; modes follow from accelerations, never from a step
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.frozen import read_only
-from vlmb.scene.by_phase import acting
+from vlmb.scene.by_phase import acting, goes_by_phase
 from vlmb.scene.names import listed
 from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
@@ -28,6 +29,7 @@ from vlmb.system.ski_contact import ALONG
 Array = NDArray[np.float64]
 
 AGREE = 4  # tries to find what is closed under what acts then
+FEW = 6  # contacts of which every set is looked at
 QUIET = 1e-7  # [m/s] a speed that counts as none where no contact is faster than GENTLE: feet that rattle come to rest together
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
 
@@ -40,6 +42,12 @@ class Outcome(NamedTuple):
     event: Event | None = None
     sentence: str = ""
     happened: frozenset[str] = frozenset()  # as `until` has it: "touch left"
+
+
+def _fewer(names: Sequence[str]) -> Iterator[frozenset[str]]:
+    """Yield the sets of all but one, but two, ... of a few contacts."""
+    for count in range(len(names) - 1, -1, -1) if len(names) <= FEW else ():
+        yield from map(frozenset, itertools.combinations(names, count))
 
 
 def told_state(footing: Footing) -> str:
@@ -228,18 +236,40 @@ class Settling(ContactView):
     ) -> tuple[dict[int, str], dict[int, Array], str]:  # fmt: skip
         """Return how contacts that touch and do not leave go on, along what they slide, and a sentence where none may.
 
-        What acts goes by what is closed, and what is closed by what acts: they are made to agree.
+        What acts goes by what is closed, and what is closed by what acts: they are made to agree. First from all closed on, then
+        under what else may act, that of most closed contacts first.
         """
-        scene, closed = self.systems.scene, frozenset(self.points[k].name for k in resting)
-        for _ in range(AGREE):
-            states, ways, refusal = self._modes_under(closed, y, resting, frames, speeds, leaving)
-            found = frozenset(self.points[k].name for k, state in states.items() if state in CLOSED)
-            if refusal or acting(scene, found) == acting(scene, closed):
-                return states, ways, refusal
-            closed = found
-        names = listed([self.points[k].name for k in resting])
+        scene, names = self.systems.scene, [self.points[k].name for k in resting]
+        closed, tried, refused = frozenset(names), set[object](), ""
+        for begin in [closed, *_fewer(names)] if goes_by_phase(scene) else [closed]:
+            closed = begin
+            for _ in range(AGREE):
+                if acting(scene, closed) in tried:
+                    break
+                tried.add(acting(scene, closed))
+                states, ways, refusal = self._modes_under(closed, y, resting, frames, speeds, leaving)
+                found = frozenset(self.points[k].name for k, state in states.items() if state in CLOSED)
+                if refusal:
+                    refused = refused or self._asked(refusal, closed)
+                    break
+                if acting(scene, found) == acting(scene, closed):
+                    return states, ways, ""
+                closed = found
+        if refused:
+            return {}, {}, refused
         why = "what acts while they are closed opens them, and without it they close; let it act in both, or in neither"
-        return {}, {}, f"programmes or forces by phase contradict what they do at the contacts {names}: {why}"
+        return {}, {}, f"programmes or forces by phase contradict what they do at the contacts {listed(names)}: {why}"
+
+    def _asked(self, refusal: str, closed: frozenset[str]) -> str:
+        """Say why nothing may follow where a programme acts: no law of friction, for its controls answer to every push."""
+        programmes, _ = acting(self.systems.scene, closed)
+        if not programmes:
+            return refusal
+        return (
+            f"no motion is admissible under what the rows of {listed(programmes)} ask for while these are closed: "
+            f"{listed(sorted(closed))}. The ground would have to pull, or to hold with more than its friction: ask for less, or "
+            "let another programme act where a contact opens"
+        )
 
     def _modes_under(
         self, closed: frozenset[str], y: Array, resting: Sequence[int], frames: Mapping[int, Array],
