@@ -24,8 +24,7 @@ def main() -> None:
         run = vlmb.simulate(scene)
         seconds = interleaved({"run": lambda scene=scene: vlmb.simulate(scene)}, repeats=5, number=1)["run"]
         touches = sum(event.kind == "touch" for event in run.events)
-        simulated, count = float(run.t[-1]), len(run.mechanism.coordinate_names)
-        asked = run.stats["rhs_evaluations"]
+        simulated, count, asked = float(run.t[-1]), len(run.mechanism.coordinate_names), run.stats["rhs_evaluations"]
         rows.append([name, count, f"{simulated:g}", touches, asked, f"{seconds:.3f}", f"{simulated / seconds:.0f}"])
         found[name] = {"seconds": seconds, "simulated": simulated, "touches": touches, "times_real_time": simulated / seconds}
     head = ["model", "coordinates", "simulated [s]", "touches", "right-hand sides", "processor time [s]", "times real time"]

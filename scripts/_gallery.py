@@ -45,6 +45,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "figure_walker": {"time": 4.4, "ghosts": 4, "since": 2.0, "view_from": (0.35, -1.0, 0.2)},
     "figure_walker_hops": {"time": 0.37, "view_from": (0.5, -1.0, 0.2)},
     "jumper": {"time": 0.36, "ghosts": 1, "since": 0.0, "view_from": (0.3, -1.0, 0.2)},
+    "exoskeleton": {"time": 2.2, "ghosts": 1, "since": 0.0, "view_from": (0.6, -1.0, 0.25)},
     "chaplygin_sleigh": {"time": 3.0, "ghosts": 6},
     "skate_on_slope": {"ghosts": 12},
     "skate_lets_go": {"ghosts": 12},

@@ -157,6 +157,10 @@ def test_every_public_name_is_on_the_api_page(site: Path, pages: dict[str, Found
         entry = getattr(vlmb, name)
         path = entry.__name__ + "." if inspect.ismodule(entry) else f"{entry.__module__}.{entry.__qualname__}"
         assert any(anchor.startswith(path) for anchor in known), f"{name} is missing in docs/api.md"
+    for entry in (vlmb.Mechanism, vlmb.Trajectory, vlmb.EquationsOfMotion):
+        for name in {name for name, member in vars(entry).items() if name[0] != "_" and inspect.getdoc(member)} - {"from_run"}:
+            path = f"{entry.__module__}.{entry.__qualname__}.{name}"
+            assert path in known, f"{path} is missing in docs/api.md"
     for name in ("show", "play", "export_html", "picture"):
         assert f"vlmb.views.view.{name}" in known
     text = (site / "api.html").read_text("utf-8")
@@ -172,16 +176,23 @@ def test_every_shipped_scene_is_in_the_gallery(site: Path, pages: dict[str, Foun
     assert {f"images/gallery/{name}.jpg" for name in scenes} <= set(pages["gallery.html"].loads)
 
 
-def test_the_notebook_ran_and_shows_its_results(site: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "pictures", "texts"),
+    [
+        ("skier", 4, ["energy balance", "<iframe srcdoc="]),
+        ("stability", 2, ["grows with", "asymptotically stable", "<iframe srcdoc="]),
+    ],
+)
+def test_notebooks_ran_and_show_their_results(site: Path, name: str, pictures: int, texts: list[str]) -> None:
     import nbformat
 
-    notebook = nbformat.read(ROOT / "docs" / "notebooks" / "skier.ipynb", as_version=4)
+    notebook = nbformat.read(ROOT / "docs" / "notebooks" / f"{name}.ipynb", as_version=4)
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(not cell.outputs and cell.execution_count is None for cell in code), "clear the outputs before committing"
-    page = (site / "notebooks" / "skier.html").read_text("utf-8")
+    page = (site / "notebooks" / f"{name}.html").read_text("utf-8")
     shown = page.split('<div class="notebook-output">')[1:]
     assert len(shown) == len(code) > 5
-    assert sum("data:image/png;base64," in part for part in shown) >= 4
-    assert "energy balance" in page and "<iframe srcdoc=" in page
+    assert sum("data:image/png;base64," in part for part in shown) >= pictures
+    assert all(text in page for text in texts)
     assert "<!-- output" not in page

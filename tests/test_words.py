@@ -30,8 +30,25 @@ def test_angles_in_degrees(start: dict[str, float], said: str) -> None:
     assert said in vlmb.simulate(made, duration=0.05).summary()
 
 
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"constraints": ["psi1 = 80"]}, "constraint 'psi1 = 80': 80 is 12.7 turns: angles are in radians"),
+        ({"constraints": ["a = bar.azimuth"], "parameters": {"a": 22.5}}, "constraint 'a = bar.azimuth': 22.5 is 3.58 turns"),
+        ({"programme": {"constraints": ["psi1 = 45 + sin(t)"], "controls": ["M_psi1"], "frequency": 2.0}}, "sin(t)': 45 is 7.16"),
+        (
+            {"forces": [{"between": ["base", "bar"], "stiffness": 5.0, "rest": 30.0}], "start": {"psi1": 1.2}},
+            "forces[0].rest = 30 is 4.77 turns",
+        ),
+        ({"start": {"psi1": 80.5}}, "start.psi1 = 80.5 is 12.8 turns"),
+    ],
+)  # fmt: skip
+def test_angles_in_degrees_elsewhere(keys: Table, said: str) -> None:
+    assert said in vlmb.check(scene(PIVOT, [BAR], **keys)).report
+
+
 def test_angles_that_may_be_radians() -> None:
-    for start in ({"psi1": 1.2, "phi1": 7.5}, {"psi1": 3.0}, {"psi1": 1.0, "psi1_dot": 40.0}):
+    for start in ({"psi1": 1.2, "phi1": 7.5}, {"phi1": 4 * math.pi}, {"psi1": 3.0}, {"psi1": 1.0, "psi1_dot": 40.0}):
         assert "turns" not in vlmb.check(scene(PIVOT, [BAR], start=start)).report
     with pytest.raises(vlmb.SceneError, match=r"slope = 12.*in radians \(degrees times pi/180\)"):
         vlmb.Scene.from_dict({**table(SKI, [BAR]), "slope": 12.0})

@@ -1,4 +1,4 @@
-"""Every error vlmb raises: what was found, where, what is allowed and what to do."""
+"""The errors of vlmb: each says what was found, where, what is allowed and what to do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class VlmbError(ValueError):
-    """Base of every error vlmb raises on purpose."""
+    """Base of all errors that vlmb raises on purpose."""
 
 
 class SceneError(VlmbError):
@@ -29,15 +29,15 @@ class SimulationError(VlmbError):
 
 
 class TrajectoryError(VlmbError):
-    """A stored trajectory cannot be read, or does not have what is asked of it."""
+    """A stored trajectory cannot be read, or does not have what was requested."""
 
 
 class StudyError(VlmbError):
-    """A study cannot be made, or gone on with: another one is in its folder, a motion that is looked for is not there."""
+    """A study cannot be made or resumed: its folder holds another study, or the motion that is sought does not exist."""
 
 
 class OutputError(VlmbError, OSError):
-    """A file cannot be written; what stood there before is as it was."""
+    """A file cannot be written; what was there before is unchanged."""
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""What the site needs beyond MkDocs: formulas, files of the repository that pages link to, the gallery, the notebook."""
+"""What the site needs beyond MkDocs: formulas, files of the repository that pages link to, the gallery, notebooks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 REPOSITORY = "repository"  # where files from outside docs/ stand in the site
-NOTEBOOK = "notebooks/skier"
+NOTEBOOKS = [f"notebooks/{path.stem}" for path in sorted((DOCS / "notebooks").glob("*.ipynb"))]
 FORMULA = re.compile(r'(?P<tag><(?:span|div) class="arithmatex">)\\(?P<open>[(\[])(?P<latex>.*?)\\[)\]]', re.S)
 PICTURES = DOCS / "images" / "gallery"  # what scripts/gallery --docs writes
 PLAYERS = ROOT / "results" / "gallery"  # pages that play, where scripts/gallery wrote them
@@ -43,7 +43,7 @@ def title_of(path: Path) -> str:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add files of the repository that pages link to, the gallery's pictures and the notebook's page."""
+    """Add files of the repository that pages link to, the gallery's pictures and the notebooks' pages."""
     pages = [f"docs/{file.src_uri}" for file in files.documentation_pages()]
     seen = {"CONTRIBUTING.md", *(path.relative_to(ROOT).as_posix() for path in REPORTS)}
     waiting = [*pages, *seen]
@@ -57,7 +57,8 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(_generated(config, f"{REPOSITORY}/{path}", abs_src_path=str(ROOT / path)))
     for path in sorted(PLAYERS.glob("*.html")):
         files.append(_generated(config, f"gallery/{path.name}", abs_src_path=str(path)))
-    files.append(File.generated(config, f"{NOTEBOOK}.md", content=notebook_page(DOCS / f"{NOTEBOOK}.ipynb")))
+    for name in NOTEBOOKS:
+        files.append(File.generated(config, f"{name}.md", content=notebook_page(DOCS / f"{name}.ipynb")))
     return files
 
 
@@ -79,7 +80,7 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
 
 
 def on_page_content(content: str, page: Page, config: Any, files: Files) -> str:
-    """Turn formulas into MathML, which browsers draw by themselves; put the notebook's outputs in."""
+    """Turn formulas into MathML, which browsers draw by themselves; put the outputs of notebooks in."""
     converter = LatexToMathML(fancy_error=False)
 
     def formula(match: re.Match[str]) -> str:
@@ -91,8 +92,8 @@ def on_page_content(content: str, page: Page, config: Any, files: Files) -> str:
         return match["tag"] + math
 
     content = FORMULA.sub(formula, content)
-    if page.file.src_uri == f"{NOTEBOOK}.md":
-        outputs = notebook_outputs()
+    if page.file.src_uri.removesuffix(".md") in NOTEBOOKS:
+        outputs = notebook_outputs(page.file.src_uri.removesuffix(".md"))
         content = re.sub(r"<!-- output (\d+) -->", lambda match: outputs[int(match[1])], content)
     return content
 
@@ -136,12 +137,12 @@ def notebook_page(path: Path) -> str:
 
 
 @cache
-def notebook_outputs() -> dict[int, str]:
-    """Run the notebook; return what each code cell shows, as HTML."""
+def notebook_outputs(name: str) -> dict[int, str]:
+    """Run a notebook; return what each code cell shows, as HTML."""
     import nbclient
     import nbformat
 
-    notebook = nbformat.read(DOCS / f"{NOTEBOOK}.ipynb", as_version=4)
+    notebook = nbformat.read(DOCS / f"{name}.ipynb", as_version=4)
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(DOCS / "notebooks")}}).execute()
     shown = {}
     for at, cell in enumerate(notebook.cells):
@@ -168,7 +169,8 @@ def _prose(text: str, path: str, source: str) -> str:
 
     def moved(match: re.Match[str]) -> str:
         target = _target(path, match[2])
-        if target == f"docs/{NOTEBOOK}.ipynb" and source != f"{NOTEBOOK}.md":
+        name = (target or "").removeprefix("docs/").removesuffix(".ipynb")
+        if name in NOTEBOOKS and source != f"{name}.md":
             return match[1] + match[2].replace(".ipynb", ".md") + match[3]
         if target is None or (target.startswith("docs/") and path.startswith("docs/")):
             return match[0]

@@ -20,6 +20,7 @@ else:
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = ("plots", "view", "data", "studies", "dask", "mocap", "robots", "film")
 PYTHONS = [entry.rpartition(" ")[2] for entry in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", entry)]
 
 pytestmark = pytest.mark.acceptance
@@ -46,10 +47,17 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def works(python: str) -> str:
+    """Return the path of a Python that can make environments, an empty text where there is none."""
+    program = shutil.which(f"python{python}") or ""
+    made = program and subprocess.run([program, "-c", "import venv, ensurepip"], capture_output=True, check=False).returncode == 0
+    return program if made else ""
+
+
 def environment(folder: Path, python: str) -> Path:
     """Make an environment; return its folder of programs."""
-    program = shutil.which(f"python{python}")
-    if not program or subprocess.run([program, "-c", "import venv, ensurepip"], capture_output=True, check=False).returncode:
+    program = works(python)
+    if not program:
         pytest.skip(f"no python{python} here: untested")
     call(program, "-m", "venv", folder / "env", folder=folder)
     return folder / "env" / ("Scripts" if os.name == "nt" else "bin")
@@ -86,11 +94,13 @@ def test_the_sdist_installs(built: Path, tmp_path: Path) -> None:
 
 
 def test_the_lower_bounds_of_what_it_needs(built: Path, tmp_path: Path) -> None:
-    """The oldest versions that pyproject.toml allows, on the oldest Python here that has them all."""
+    """The oldest versions that pyproject.toml allows, of what vlmb needs and of every extra that users install."""
     extras = PROJECT["optional-dependencies"]
-    needed = [*PROJECT["dependencies"], *extras["plots"], *extras["view"]]
+    needed = [*PROJECT["dependencies"], *(entry for extra in EXTRAS for entry in extras[extra] if not entry.startswith("vlmb["))]
     oldest = [re.sub(r">=([\d.]+)(,<[\d.]+)?", r"==\1", entry) for entry in needed]
-    programs = environment(tmp_path, next((name for name in PYTHONS if shutil.which(f"python{name}")), PYTHONS[0]))
+    programs = environment(tmp_path, next((name for name in PYTHONS if works(name)), PYTHONS[0]))
     (wheel,) = built.glob("*.whl")
     call(programs / "python", "-m", "pip", "install", "-q", *oldest, str(wheel), folder=tmp_path)
     run_away_from_sources(programs, tmp_path)
+    said = call(programs / "python", Path(__file__).with_name("extras.py"), folder=tmp_path / "empty")
+    assert "every extra works" in said

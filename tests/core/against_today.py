@@ -30,7 +30,7 @@ def make_tree(mechanism: Mechanism) -> tuple[tree.Tree, np.ndarray]:
         p, v = p + 3 + sum(free), v + 3 + sum(free)
     base = scene.base
     constants = np.array([base.mass, base.inertia or 0.0, getattr(base, "com_offset", 0.0) or 0.0, 0.0, 0.0, -9.81])
-    return tree.Tree(np.array([tree.SLIDING, p, v, n, 0], np.int64), constants, link, real), given
+    return tree.Tree(np.array([tree.SLIDING, p, v, n, 0, 0], np.int64), constants, link, real), given
 
 
 class State(NamedTuple):

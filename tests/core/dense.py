@@ -63,7 +63,7 @@ def square_root(x: Any) -> Any:
 
 def model_of(tree: Tree, y: Any, given: Any) -> Model:
     """Build Jacobians at a state."""
-    kind, positions, _, n, upright = tree.shape
+    kind, positions, _, n, upright, _ = tree.shape
     zero = 0 * y[0]
     base_columns = {t.PIVOT: 0, t.FREE: 3, t.SKI: 2, t.SLIDING: 3}[kind]
     width = base_columns + 5 * n

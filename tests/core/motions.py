@@ -49,10 +49,11 @@ class Motion:
             constants[2] = 0.0
         if base in (tree.PIVOT, tree.FREE):
             real[:, tree.ANCHOR :] *= base == tree.PIVOT
+        real[link[:, tree.PARENT] >= 0, tree.ANCHOR :] = 0.0  # links on links hang where they are, not aside
         if base == tree.PIVOT:
             constants[:3] = 0.0
         self.upright = plane and base in (tree.SKI, tree.SLIDING)
-        self.shape = np.array([base, p, v, n, self.upright], np.int64)
+        self.shape = np.array([base, p, v, n, self.upright, 0], np.int64)
         self.link, self.real, self.constants = link, real, constants
         self.place = [Wave(rng, 0.3, 1.0) for _ in range(3)]
         self.yaw, self.ahead, self.left = Wave(rng, 0.4, 0.8), Wave(rng, 2.0, 1.0), Wave(rng, 0.1, 0.5)

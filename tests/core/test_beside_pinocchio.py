@@ -76,7 +76,7 @@ def arrays(mechanism: vlmb.Mechanism, q: np.ndarray, v: np.ndarray) -> tuple[Tre
         p, w = len(positions), len(velocities)
     base = scene.base
     constants = np.array([base.mass, base.inertia, base.com_offset, *scene.surface_gravity])
-    return Tree(np.array([KINDS[layout.base], p, w, n, 0]), constants, ints, real), np.array([*positions, *velocities]), given
+    return Tree(np.array([KINDS[layout.base], p, w, n, 0, 0]), constants, ints, real), np.array([*positions, *velocities]), given
 
 
 def from_pinocchio(mechanism: vlmb.Mechanism, q: np.ndarray, v: np.ndarray, vdot: np.ndarray) -> np.ndarray:

@@ -151,7 +151,7 @@ def test_the_knife_edge_holds_a_ski_that_could_slide(seed: int, on_rod: bool, ki
     p, more = tree.shape[t.POSITIONS], tree.link.copy()
     more[:, t.AT_V] += 1
     dy, scratch = evaluate(ski)
-    free = Tree(tree.shape + np.array([t.SLIDING - t.SKI, 0, 1, 0, 0]), tree.base, more, tree.real)
+    free = Tree(tree.shape + np.array([t.SLIDING - t.SKI, 0, 1, 0, 0, 0]), tree.base, more, tree.real)
     sliding = Case(free, np.insert(y, p + 1, 0.0), given, np.insert(force, 1, edge_force(scratch)))
     right = np.insert(dy, p + 1, 0.0)
     assert relative(evaluate(sliding)[0], right) < 1e-13

@@ -70,7 +70,7 @@ def make(kind: int, links: Sequence[Link], seed: int = 0, anchors: bool = True, 
             y[at : at + 3] = d
         free = row[t.LOWER_FREE] + row[t.UPPER_FREE]
         y[at + 3 : at + 3 + free] = random.uniform(0.1, 0.4, free)
-    tree = Tree(np.array([kind, p, v, n, upright]), base, ints, real)
+    tree = Tree(np.array([kind, p, v, n, upright, 0]), base, ints, real)
     return Case(tree, y, given, in_plane(tree, random.normal(size=v) * 5.0))
 
 

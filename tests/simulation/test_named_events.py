@@ -69,6 +69,18 @@ def test_events_stand_among_those_of_contacts(engine, tmp_path):
     assert second["z"][-1] == pytest.approx(0.125, abs=1e-9) and second.t[-1] == pytest.approx(1.5 * fall, abs=1e-9)
 
 
+def test_a_foot_that_stands_at_the_start_has_not_touched():
+    """`until` waits for the touch of a mass that jumps first, at 0.1 s and 2 m/s, or for that of one that starts by an impact."""
+    jumps = vlmb.Scene.from_dict({
+        "plane": True, "base": {"kind": "free", "mass": 2.0}, "contacts": [{"name": "floor", "point": "base"}],
+        "forces": [{"on": "F_z", "law": "59.62*step(0.1 - t)"}], "start": {"z": 0.0}, "run": {"duration": 2.0},
+    })
+    run = vlmb.simulate(jumps, until="touch floor")
+    flight = (2.0 + np.sqrt(4.0 + 2 * G * 0.1)) / G
+    assert run.message.endswith("touch floor.") and run.t[-1] == pytest.approx(0.1 + flight, abs=1e-6)
+    assert vlmb.simulate(jumps.changed(start={"z_dot": -1.0}), until="touch floor").t[-1] == 0.0
+
+
 def test_a_limit_is_told_as_an_event():
     link = {"name": "leg", "rod": {"length": 0.5, "mass": 1.0}, "lower": {"length": 0.3, "limits": [0.1, 0.5]}}
     scene = vlmb.Scene.from_dict({

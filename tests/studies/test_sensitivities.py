@@ -66,16 +66,13 @@ def measured(seed: int, truth: vlmb.Scene, sigma: float) -> pd.DataFrame:
     return pd.DataFrame({"legs.tip.z": run["legs.tip.z"] + noise}, index=run.t)
 
 
-@pytest.mark.slow
-def test_fits_cover_the_truth() -> None:
-    truth, sigma, keys = bouncing(), 0.005, {"links.legs.lower.stiffness": (100.0, 900.0), "start.xi1_1": (0.3, 0.4)}
-    begin = truth.changed_at({"links.legs.lower.stiffness": 310.0, "run.rtol": 1e-6, "run.atol": 1e-8})
-    covered, count = np.zeros(2), 200
-    for seed in range(count):
-        data = measured(seed, truth, sigma)
-        found = vlmb.fit(begin, keys, data, {"legs.tip.z": sigma} if seed % 2 else None)
-        covered += [low <= value <= high for (low, high), value in zip(found.intervals.values(), (STIFFNESS, 0.35), strict=True)]
-    assert (covered >= 0.9 * count).all() and (covered <= 0.99 * count).all()
+def test_fits_from_starts_far_off_tell_their_intervals_and_residuals() -> None:
+    truth, sigma, keys = bouncing(), 0.005, {"links.legs.lower.stiffness": (100.0, 900.0), "start.xi1_1": (0.15, 0.6)}
+    data = measured(3, truth, sigma)
+    rough = truth.changed_at({"links.legs.lower.stiffness": 450.0, "start.xi1_1": 0.175, "run.rtol": 1e-6, "run.atol": 1e-8})
+    found = vlmb.fit(rough, keys, data)
+    for (low, high), value in zip(found.intervals.values(), (STIFFNESS, 0.35), strict=True):
+        assert low - (high - low) < value < high + (high - low)  # that they cover as they should is in tests/acceptance
     assert found.sigma["legs.tip.z"] == pytest.approx(sigma, rel=0.4)
     assert found.scene.links[0].lower.stiffness == pytest.approx(found.values["links.legs.lower.stiffness"])
     np.testing.assert_allclose(

@@ -99,7 +99,7 @@ def test_threads_processes_and_one_thread_give_the_same(scene: vlmb.Scene) -> No
 def test_dask_gives_the_same(scene: vlmb.Scene) -> None:
     distributed = pytest.importorskip("distributed")
     table = {"start.psi1": [-0.5, -0.4, -0.3]}
-    with distributed.Client(n_workers=1, processes=False, dashboard_address=None) as client:
+    with distributed.Client(n_workers=1, processes=False, dashboard_address=":0") as client:
         found = vlmb.sweep(scene, table, ["psi1:last"], executor=client)
     assert found.identical(vlmb.sweep(scene, table, ["psi1:last"], workers=1))
 

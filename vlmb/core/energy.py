@@ -83,11 +83,12 @@ def hinge_motion(tree: Tree, y: Array, given: Array, out: Array, i: int) -> tupl
     parent = tree.link[i, PARENT]
     if parent < 0:
         return carried_by_base(tree, y, tree.real[i, ANCHOR], tree.real[i, ANCHOR + 1], tree.real[i, ANCHOR + 2])
+    beside = Vector(0.0 * y[0], tree.real[i, ANCHOR + 1], 0.0 * y[0])
     if tree.link[i, PLACE] != ROD:
-        return row_vector(out, parent, TIP_PLACE), row_vector(out, parent, TIP_RATE)
+        return add(row_vector(out, parent, TIP_PLACE), beside), row_vector(out, parent, TIP_RATE)
     (d, u), far = moving_direction(tree, y, parent), place_on_parent(tree, y, given, i)
     place, rate = row_vector(out, parent, HINGE), row_vector(out, parent, HINGE_RATE)
-    return add_scaled(place, far, d), add_scaled(add_scaled(rate, lower_rate(tree, y, given, parent), d), far, u)
+    return add(add_scaled(place, far, d), beside), add_scaled(add_scaled(rate, lower_rate(tree, y, given, parent), d), far, u)
 
 
 @kernel

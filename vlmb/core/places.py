@@ -222,6 +222,7 @@ def point(tree: Tree, y: Array, given: Array, link: int, offset: float, along: i
         parent = tree.link[i, of.PARENT]
         if parent < 0:
             return added(total, (1.0, 0.0, 0.0), turned_arm(tree, y, arm_of(tree, heading(tree, y), i)))
+        total = plus(total[0], tree.real[i, of.ANCHOR + 1], (0.0, 1.0, 0.0)), total[1], total[2]
         offset, along = place_on(tree, i, parent)
         i = parent
     return total

@@ -208,6 +208,8 @@ def push_ends(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array
         if not length > MEETING:
             return angles.LINED_UP
         scale /= length
+    if tree.shape[of.FLAT] != 0:
+        r = r[0], 0.0 * r[1], r[2]
     push_place(quantities, first, tree, y, given, scaled(-scale, r), out)
     push_place(quantities, second, tree, y, given, scaled(scale, r), out)
     return FINE

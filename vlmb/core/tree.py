@@ -12,10 +12,11 @@ Integers = NDArray[np.int64]
 
 PIVOT, FREE, SKI, SLIDING, LIFTED = range(5)  # kinds of a base; SKI: knife edge reduced; SLIDING: sideways; LIFTED: up, too
 TIP, ROD = range(2)  # where a link hangs on its parent
-BASE_KIND, POSITIONS, VELOCITIES, LINKS, UPRIGHT = range(5)  # columns of `shape`; see Tree
+BASE_KIND, POSITIONS, VELOCITIES, LINKS, UPRIGHT, FLAT = range(6)  # columns of `shape`; see Tree
 BASE_MASS, BASE_INERTIA, COM_OFFSET, GRAVITY = range(4)  # columns of `base`; gravity takes three
 PARENT, PLACE, AT_P, AT_V, LOWER_FREE, UPPER_FREE, ROD_CHILDREN, TIP_LOAD = range(8)  # columns of `link`
-LENGTH, MASS, CENTRE, INERTIA, TIP_MASS, K1, REST1, C1, K2, REST2, C2, ON_ROD, ANCHOR = range(13)  # of `real`; anchors take three
+# Columns of `real`; anchors take three, those of a link on another are 0, aside, 0
+LENGTH, MASS, CENTRE, INERTIA, TIP_MASS, K1, REST1, C1, K2, REST2, C2, ON_ROD, ANCHOR = range(13)
 LOWER, LOWER_RATE, LOWER_SECOND, UPPER, UPPER_RATE, UPPER_SECOND = range(6)  # columns of given lengths
 
 # What may be wrong with an evaluation: a code is fault * PLACES + link, the link being the number of links for the base.
@@ -32,10 +33,11 @@ class Tree(NamedTuple):
     """Constants of a mechanism; units m, kg, s, N.
 
     UPRIGHT is 1 where the links of a ski stay in upright planes along its heading. Their directions and rates are then given in
-    the frame of the ski, ahead, to the left (always 0) and up; else in the surface frame.
+    the frame of the ski, ahead, to the left (always 0) and up; else in the surface frame. FLAT is 1 where those of a pivot or a
+    free base stay in a plane: what pushes them sideways, the plane carries.
     """
 
-    shape: Integers  # (5,) base kind, positions, velocities, links, UPRIGHT
+    shape: Integers  # (6,) base kind, positions, velocities, links, UPRIGHT, FLAT
     base: Array  # (6,) mass, inertia about the vertical through its centre, centre ahead of A, gravity (3)
     link: Integers  # (n, 8)
     real: Array  # (n, 16)

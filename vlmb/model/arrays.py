@@ -246,7 +246,7 @@ def make_arrays(scene: Scene, layout: Layout, sliding: bool = False, driven: boo
         p, v = p + 3 + sum(free), v + 3 + sum(free)
     base = np.array([scene.base.mass, scene.base.inertia, scene.base.com_offset, *scene.surface_gravity])
     upright = layout.base == "ski" and layout.plane
-    tree = Tree(np.array([kind, p, v, count, upright], np.int64), base, link, real)
+    tree = Tree(np.array([kind, p, v, count, upright, layout.plane and not upright], np.int64), base, link, real)
     return Arrays(scene, layout, tree, given, layout.order)
 
 

@@ -50,7 +50,7 @@ class LinkIndex:
     lower: SegmentIndex
     upper: SegmentIndex
     on_rod: float = 0.0  # [m] of a place that moves with the parent's rod, from its start
-    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] of the hinge of a link on the base, in the base's axes
+    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] of a hinge on the base, in its axes; on a link: aside
 
 
 @dataclass(frozen=True)

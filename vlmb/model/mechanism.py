@@ -258,12 +258,16 @@ class _Builder:
         point = "tip" if parent < 0 else "rod" if isinstance(link.parent_point, float) else link.parent_point
         self.links[i] = LinkIndex(
             link.name, parent, point, link.rod.length, hinge, at_q, at_v, lower, upper, self.on_rod.get(i, 0.0),
-            link.anchor or ORIGIN,
+            link.anchor or (0.0, link.aside, 0.0),
         )  # fmt: skip
         self.order.append(i)
-        hanging = [(child, tip_joint, _along(tip_at)) for child in self.children.get((link.name, "tip"), [])]
+        hanging = [(child, tip_joint, self._place_of(child, tip_at)) for child in self.children.get((link.name, "tip"), [])]
         on_it = self.children.get((link.name, "rod"), [])
-        return hanging + [(child, rod_joint, _along(rod_at + self.on_rod[child])) for child in on_it]
+        return hanging + [(child, rod_joint, self._place_of(child, rod_at + self.on_rod[child])) for child in on_it]
+
+    def _place_of(self, child: int, along: float) -> Place:
+        """Return where a link hangs in its parent's frame: so far along it, and aside."""
+        return along, self.scene.links[child].aside, 0.0
 
     def _add_segment(self, i: int, which: int, joint: int, at: float) -> tuple[SegmentIndex, int, float]:
         """Add a segment at distance `at` along a joint's x axis; return it and where what follows it sits."""

@@ -134,10 +134,10 @@ class _Writer:
         parent, index = self.scene.links[at], self.mechanism.layout.links[at]
         start = 0.0 if index.lower.joint else start_length(self.scene, parent.lower, f"links[{at}]")
         if i in self.at:
-            return start + self.at[i], 0.0, 0.0
+            return start + self.at[i], link.aside, 0.0
         if index.upper.joint:
-            return 0.0, 0.0, 0.0
-        return start + parent.rod.length + start_length(self.scene, parent.upper, f"links[{at}]"), 0.0, 0.0
+            return 0.0, link.aside, 0.0
+        return start + parent.rod.length + start_length(self.scene, parent.upper, f"links[{at}]"), link.aside, 0.0
 
 
 def _inertial(mass: float, transverse: float, centre: tuple[float, float, float]) -> str:

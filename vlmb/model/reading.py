@@ -130,9 +130,11 @@ class Postures:
     def _hung(self, link: LinkIndex, found: dict[tuple[int, str], tuple[Array, Array]]) -> tuple[Array, Array]:
         """Position and velocity of the place where a link hangs on its parent."""
         if link.point == "tip":
-            return found[link.parent, "tip"]
-        start, growth = self._along(link.parent, "rod_start")
-        return self._out(link.parent, found[link.parent, "hinge"], (start + link.on_rod, growth))
+            at, speed = found[link.parent, "tip"]
+        else:
+            start, growth = self._along(link.parent, "rod_start")
+            at, speed = self._out(link.parent, found[link.parent, "hinge"], (start + link.on_rod, growth))
+        return at + np.array(link.anchor), speed
 
     def _out(self, link: int, hinge: tuple[Array, Array], along: tuple[Array, Array]) -> tuple[Array, Array]:
         """Position and velocity at a distance along a link: h + s d, h' + s' d + s d'."""

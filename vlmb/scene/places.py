@@ -20,7 +20,7 @@ def on_rod(parent: Link, point: str | float) -> float | None:
 
 
 def check_place(scene: SceneTables, index: int, parent: Link | None, refuse: Callable[[str, str], None]) -> None:
-    """Refuse an anchor that is none of the base, and a place along the parent that does not follow from its rod."""
+    """Refuse an anchor that is none of the base, `aside` without a plane, and a place along the parent that is not on its rod."""
     link, key, kind = scene.links[index], f"links[{index}]", scene.base.kind
     axes = "[ahead, left, up] in the ski's frame" if kind == "ski" else "[x, y, z] of the ground"
     if link.anchor is not None and link.parent != BASE:
@@ -29,6 +29,9 @@ def check_place(scene: SceneTables, index: int, parent: Link | None, refuse: Cal
     if link.anchor is not None and kind == "free":
         why = "a free base is a point without directions, and all its links hang there"
         refuse(f"{key}.anchor", f"{why}: remove it, or hang {link.name!r} on a link with parent_point")
+    if link.aside and (link.parent == BASE or not scene.plane or kind == "ski"):
+        why = "on a base it is a part of `anchor`" if link.parent == BASE else "it takes a plane that does not turn"
+        refuse(f"{key}.aside", f"{why}: for links on links, with plane = true and a pivot or a free base; remove it")
     if not isinstance(link.parent_point, float):
         return
     where = f"{key}.parent_point"

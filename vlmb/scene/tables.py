@@ -108,6 +108,7 @@ class Link(Table, frozen=True, kw_only=True):
     parent: Parent = ""  # "" = the previous link, the base for the first; or a robot's frame, talos.left_foot
     parent_point: Literal["tip", "rod_start", "rod_end"] | float = "tip"  # a number: [m] from the parent's hinge
     anchor: tuple[float, float, float] | None = None  # [m] of a link on the base: ahead, left, up on a ski; a point of the ground
+    aside: float = 0.0  # [m] of a link on a link, with `plane`: how far to the left of that place it hangs
     lower: Segment = Segment(length=0.0, motion="fixed")
     upper: Segment = Segment(length=0.0, motion="fixed")
     tip_mass: NonNegative = 0.0  # [kg]

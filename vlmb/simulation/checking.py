@@ -33,7 +33,7 @@ APART = 1e-6  # of the largest acceleration: what two engines may differ by, as 
 
 
 class Checked(NamedTuple):
-    """What is known before a run: `mechanism, start = check(scene)`. Printed it is what `vlmb check` says."""
+    """What is known before a run: `mechanism, start = check(scene)`. Printing it shows the text of `vlmb check`."""
 
     mechanism: Mechanism | RobotMechanism
     start: Start
@@ -79,10 +79,10 @@ class Checked(NamedTuple):
 
 
 def check(scene: Scene | Mechanism | RobotMechanism | str | Path | Mapping[str, Any]) -> Checked:
-    """Do everything that comes before a run; raise what a run would.
+    """Do everything that precedes a run, and raise the errors that a run would raise.
 
     Takes a Scene, the path of a scene file or a dict with its keys. Returns the mechanism and its consistent start, with
-    `degrees_of_freedom` and `notes`; one of these tells how a programme is stable and controllable.
+    `degrees_of_freedom` and `notes`, which also tell whether a programme is stable and its controls suffice.
     """
     mechanism = build(scene)
     if not isinstance(mechanism, Mechanism):

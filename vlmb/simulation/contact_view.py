@@ -79,7 +79,7 @@ class ContactView:
         self.conditions = [
             condition_of(p.contact.when, f"contacts[{p.index}].when") if p.contact.when else None for p in self.points
         ]
-        self.known: dict[tuple[int, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones
+        self.known: dict[tuple[Probe, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones; keys keep their probes
         self.began = start  # of the phase under way
         self.mover: Engine | None = None  # of the phase under way
 
@@ -95,7 +95,7 @@ class ContactView:
         return self._answer(self.systems.probe(False, self.t, closed, self.standing), y)
 
     def _answer(self, probe: Probe, y: Array) -> Answers:
-        key = id(probe), self.t, y.tobytes(), self.standing
+        key = probe, self.t, y.tobytes(), self.standing
         if key not in self.known:
             given: Sequence[float] = ()
             if probe.given:

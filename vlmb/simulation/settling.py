@@ -145,9 +145,14 @@ class Settling(ContactView):
     def _happened(
         self, hit: Watched | None, before: Sequence[Footing], after: Sequence[Footing], strikes: Sequence[int]
     ) -> frozenset[str]:
-        """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back."""
+        """Return what has happened in the words of `until`; to stick is to come to rest, not to turn back.
+
+        At a start only what strikes happens: a foot that stands there has not touched.
+        """
         found = {f"{TOUCHES} {self.points[k].name}" for k in strikes}
-        if hit is not None and hit.name == SLIPS and not self.points[hit.which].closed(after[hit.which]):
+        if hit is None:
+            return frozenset(found)
+        if hit.name == SLIPS and not self.points[hit.which].closed(after[hit.which]):
             found.add(f"{SLIPS} {self.points[hit.which].name}")  # a leg outside its cone
         for point, one, other in zip(self.points, before, after, strict=True):
             if point.closed(one) and not point.closed(other):

@@ -76,26 +76,31 @@ def simulate(
     watch: Callable[[Array, Array, Array], None] | None = None,
     until: str | None = None,
 ) -> Trajectory:
-    """Simulate a scene; arguments override its `[run]`, None means what the scene says.
+    """Simulate a scene. Arguments override its `[run]`; None means what the scene says.
 
     Parameters
     ----------
     scene : a Scene, the path of a scene file, a dict with its keys, or a mechanism built from one
-    t_eval : (N,) [s], ascending in [t0, t0 + duration]; default: evenly spaced
+    duration : [s] length of the run
+    method : integration method: dop853, adams, radau, bdf, gauss, rk4, euler
+    rtol : relative tolerance of adaptive methods
+    atol : absolute tolerance of adaptive methods
+    knife_edge : how the knife edge is enforced: reduction, multiplier or projection
+    t_eval : (N,) [s] times of the samples, ascending in [t0, t0 + duration]; default: evenly spaced
     control : called as control(t, view) -> {force name: value}; `view` gives coordinates, rates and points by name, read-only.
-        Names are those of the first call. It is asked once for every sample, when that is taken, and the answer recorded; after
-        the run it is not called again. An exception it raises goes through; the trajectory so far is its `trajectory`
-    start : where to begin: `trajectory.end` of another run, or a dict of coordinates and rates by name over the scene's [start]
-    t0 : [s] time of the start; t, laws and samples run from it
-    step : [s] of fixed-step methods
-    gain : [1/s] Baumgarte gain of the knife edge as a multiplier
+        The names are those of the first call. It is called once for every sample, and this value is recorded; after
+        the run it is not called again. An exception it raises reaches the caller, with the run so far as its `trajectory`
+    start : where to begin: `trajectory.end` of another run, or a dict of coordinates and rates that override the scene's [start]
+    t0 : [s] time of the start; t, laws and samples count from it
+    step : [s] step of fixed-step methods
+    gain : [1/s] how fast errors of ideal constraints, and of the knife edge as a multiplier, are corrected
     engine : `auto`, `core` (compiled) or `pinocchio`
-    max_step : [s] longest step of adaptive methods; without it laws bound their steps by how fast they vary, and a control, which
-        cannot be looked at before, has one look in 1 / run.samples at least
-    until : where the run ends before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, the name
-        of one of the scene's events, or an expression that falls through 0, "z_dot" at an apex
-    progress : called with the time reached, sample by sample; its exceptions go through like the control's
-    watch : called while the run goes on with the samples since its last call: t (N,), Pinocchio's q (N, nq) and v (N, nv)
+    max_step : [s] longest step of adaptive methods. Without it, laws bound the steps by how fast they vary; a control, which
+        cannot be examined beforehand, is called at least every 1 / run.samples
+    until : what ends the run before its duration: "touch left", "open left", "slip left" or "stick left" of a contact, the name
+        of one of the scene's events, or an expression that falls through 0, such as "z_dot" at an apex
+    progress : called with the time reached, sample by sample; its exceptions reach the caller like the control's
+    watch : called during the run with the samples since its last call: t (N,), Pinocchio's q (N, nq) and v (N, nv)
 
     Returns a Trajectory, also for a run that stops early: its `message` says why.
     Raises SceneError (a VlmbError) for what is wrong before the run.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.model.names import force_unit
+from vlmb.scene.rows import rows_of
 from vlmb.scene.tables import DEFAULT_STEP
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.named import largest
@@ -80,12 +81,13 @@ def opening(trajectory: Told) -> list[str]:
 
 def summarize(trajectory: Told, programme: str) -> str:
     """Return what a user wants to know of a run in a few lines; `programme` says how stable one is."""
-    lines = opening(trajectory)
+    lines, ideal = opening(trajectory), [row.name for row in rows_of(trajectory.scene).ideal]
     for name in trajectory.residuals:
         residual = trajectory.residuals[name]
         position = "" if residual.position is None else f"{largest(residual.position):.2e}, "
         unit = "m/s" if name == "knife_edge" else "/s"
-        lines.append(f"  residual         {name}: {position}{largest(residual.velocity):.2e} {unit}")
+        held = f"; multiplier up to {largest(trajectory.reactions[name]):.4g}" if name in ideal else ""
+        lines.append(f"  residual         {name}: {position}{largest(residual.velocity):.2e} {unit}{held}")
     if programme:
         lines.append(f"  programme        {programme}")
     if "knife_edge" in trajectory.reactions:

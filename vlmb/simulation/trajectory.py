@@ -254,7 +254,7 @@ class Trajectory(Remade, Displayed):
 
     @property
     def conditions(self) -> Array:
-        """How hard a programme is (N,): the largest singular value of G in the run over the smallest at a sample.
+        """How difficult a programme is (N,): the largest singular value of G in the run over the smallest at each sample.
 
         G is in the scales of the controls. For one row too it grows where the controls lose their effect on it. Empty without a
         programme.
@@ -359,7 +359,7 @@ class Trajectory(Remade, Displayed):
         return to_xarray(self.columns(points, hinges), about | {"vlmb": self.versions.get("vlmb", "")})
 
     def summary(self) -> str:
-        """Return what a user wants to know of the run in a few lines."""
+        """Return the main facts of the run in a few lines: status, energy balance, residuals, largest forces, warnings."""
         if not programmes_of(self.scene):
             return summarize(self, "")
         condition = np.fmax.reduce(self.conditions, initial=0.0)

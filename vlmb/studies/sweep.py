@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 import queue
@@ -152,27 +153,31 @@ def _computed(
             yield index, run_shard(task, part)
         return
     with _pool(executor, count) as pool, warnings.catch_warnings():  # the filters of threads that run are those of all
-        ahead = AHEAD * (count if executor is None else max(_workers_of(executor), count))
+
+        def ahead() -> int:
+            """Return how many shards are given out at once; a cluster may grow, and what waits in a worker is lost with it."""
+            if _is_dask(executor):
+                return max(_workers_of(executor), 1)
+            return AHEAD * (count if executor is None else max(_workers_of(executor), count))
+
         yield from _given_out(task, missing, pool, ahead, folder)
 
 
 def _given_out(
-    task: Task, missing: Mapping[int, Sequence[Any]], pool: Any, ahead: int, folder: StudyFolder | None
+    task: Task, missing: Mapping[int, Sequence[Any]], pool: Any, ahead: Callable[[], int], folder: StudyFolder | None
 ) -> Iterator[tuple[int, Shard]]:
     """Give shards to a pool, some ahead of those that are done, and yield these."""
     finished: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
-    options = {"pure": False} if type(pool).__module__.startswith("distributed") else {}
-    waiting, under_way = iter(missing.items()), {}
+    options = {"pure": False} if _is_dask(pool) else {}
+    waiting, under_way = iter(missing.items()), dict[int, Any]()
 
     def give() -> None:
-        for index, part in waiting:
+        for index, part in itertools.islice(waiting, max(ahead() - len(under_way), 0)):
             future = under_way[index] = pool.submit(run_shard, task, part, **options)
             future.add_done_callback(lambda done, index=index: finished.put((index, done)))
-            return
 
     try:
-        for _ in range(ahead):
-            give()
+        give()
         while under_way:
             index, future = finished.get()
             del under_way[index]
@@ -201,6 +206,11 @@ def _pool(executor: Any, count: int) -> Iterator[Any]:
             yield pool
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _is_dask(executor: Any) -> bool:
+    """Whether shards are computed by the workers of a cluster, which keep what is done until it is asked for."""
+    return type(executor).__module__.startswith("distributed")
 
 
 def _workers_of(executor: Any) -> int:

@@ -14,6 +14,7 @@ from vlmb.errors import SceneError, SingularError
 from vlmb.model.layout import State
 from vlmb.model.names import DOT
 from vlmb.scene.names import listed
+from vlmb.system.degrees import in_degrees
 from vlmb.system.robot_engine import scaled_condition, singular_motion
 from vlmb.system.robot_system import RobotSystem
 from vlmb.system.robot_workspace import SIDEWAYS, RobotWorkspace
@@ -68,7 +69,7 @@ def robot_start(system: RobotSystem, t0: float = 0.0) -> Start:
     for row, error, speed in zip(system.info[servo], out[0, servo].tolist(), out[1, servo].tolist(), strict=True):
         if max(abs(error), abs(speed)) > 1e-9:
             told.append(f"start: {row.text!r} is off by {error:.3g}, its rate by {speed:.3g}; the error decays")
-    told += _beyond_limits(system, q)
+    told += [*_beyond_limits(system, q), *in_degrees(scene, mechanism.names)]
     names = tuple(mechanism.names.index)
     return Start(
         State(q, v), {name: seen[name] for name in names}, {name + DOT: seen[name + DOT] for name in names}, tuple(told), rank

@@ -13,6 +13,7 @@ from vlmb.model.layout import Layout, State, segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
 from vlmb.scene.names import listed
+from vlmb.system.degrees import in_degrees
 from vlmb.system.start_branches import choose_branch
 from vlmb.system.start_rows import given_values, meet_positions, meet_rates, rank_of, row_sets, share_azimuths
 from vlmb.system.system import System
@@ -77,7 +78,7 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.edged else []
     adjustments += meet_rates(mechanism, followed, coordinates, rates, sets)
     adjustments += choose_branch(mechanism, followed, coordinates, rates, sets)
-    adjustments += _in_degrees(mechanism)
+    adjustments += in_degrees(mechanism.scene, mechanism.names)
     count = len(mechanism.scene.constraints)
     rank = max((rank_of(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)
     if rank < count:
@@ -101,19 +102,6 @@ def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rate
     if both and abs(sideways) > 1e-12 * max(1.0, abs(speed)):
         return [f"sideways velocity {sideways:.6g} m/s of the ski removed; it moves along itself at {speed:.6g} m/s"]
     return []
-
-
-def _in_degrees(mechanism: Mechanism) -> list[str]:
-    """Say which angles look like degrees: whole numbers of more than a turn."""
-    given = {name: value for name, value in mechanism.scene.start.items() if abs(value) > math.tau and float(value).is_integer()}
-    angles = {quantity.name for quantity in mechanism.names.coordinates if quantity.unit == "rad"}
-    names = mechanism.names
-    return [
-        f"start.{name} = {value:g} is {value / math.tau:.3g} turns: angles are in radians, and {value:g} degrees are "
-        f"{math.radians(value):.4g}"
-        for name, value in given.items()
-        if name in names and names.find(name).name in angles
-    ]
 
 
 def _refuse_unknown(mechanism: Mechanism, followed: set[str]) -> None:

@@ -12,6 +12,7 @@ TRACK, TRAIL, PROGRAMME, EDGE_FORCE, GRAVITY = "#9db4c8", "#e08a3c", "#009e73", 
 CONTACT_FORCE, IMPULSE, FOOTPRINT = "#0072b2", "#cc79a7", "#7d8996"
 SKIN, JACKET, SLEEVES, TROUSERS, BOOTS = "#e9bd95", "#c8313a", "#d9525a", "#3a588c", "#575e69"
 HELMET, GOGGLES = "#e6e9ee", "#2b2f36"
+STEEL, STRAP = "#c4cad1", "#22262c"
 STRETCH = "#f0a030"  # segments that change their length
 
 
@@ -44,6 +45,7 @@ CHANGED = {GRAVITY: "#e8edf2", TRACK: "#5f7a92", BOOTS: "#7b8592", HINGE: "#7b85
 MACHINE, FAINT = "#5c6672", 0.3  # by night, what of a robot is darker than this
 
 PARTS = {
+    r"(^|_)(exo|bar|frame|brace)(_|$)": Look(STEEL, thickness=0.4),  # of a machine beside a body, whatever else it is named after
     r"^(body|skier|rider|jumper)$": Look(JACKET, "body"),
     r"head": Look(SKIN, "head"),
     r"neck": Look(SKIN, "neck"),

@@ -29,6 +29,7 @@ from vlmb.views.phase_scenery import draw_footprints, draw_forces, draw_legs, to
 from vlmb.views.reference_path import course
 from vlmb.views.sampling import at_times, smooth
 from vlmb.views.shapes import Mesh
+from vlmb.views.ties import draw_ties
 
 Array = NDArray[np.float64]
 
@@ -149,6 +150,7 @@ def _build(
         part = part_of(person, mechanism, seen, i) if person else None
         frame = person.rotations.get(i, rotations[:, i]) if person else rotations[:, i]
         bodies += draw_link(scene.links[i], i, seen, frame, size, person, part)
+    bodies += draw_ties(mechanism, seen, size)
     heads = crowns(person, mechanism, seen) if person else []
     legs, feet = draw_legs(phased, t, seen, size) if phased else ([], [])
     bodies += legs
