@@ -23,7 +23,7 @@ from vlmb.simulation.phases import Event, Stretch, Turn
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, TURNING, Footing
+from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, STILL, TURNING, ContactPoint, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -34,6 +34,7 @@ from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 
+SLIDES = 1e-6  # [m/s] along rough ground that counts as sliding at a start
 MANY, SPAN = 1000, 0.1  # more events within so many seconds end a run
 
 
@@ -213,10 +214,23 @@ class PhasedRun(LegSteps):
             footings.append(Footing(AWAY if refused else OPEN, gap=left))
             if abs(gap) <= NEAR_AT_START and not refused:
                 near.append(point.index)
+                self._require_hold(point, jet)
         footings += self._legs_at_start(found.jets)
         lawful = [point for point in self.legs if footings[point.index].state == SLIDING]
         held, landing = [leg.index for leg in lawful], [leg.index for leg in lawful if leg.leg.foot is None]
         return self._settled(None, tuple(footings), [*near, *held], set(), {}, landing)
+
+    def _require_hold(self, point: ContactPoint, jet: Array) -> None:
+        """Refuse a start that slides along rough ground: nothing holds it there at once, and nothing lets it slide."""
+        if not point.rough or point.edge is not None:
+            return
+        speed = self._local(jet, point.index, self._frame(point.index))
+        across = float(np.linalg.norm(speed[:-1]))
+        if across > SLIDES and abs(speed[-1]) <= STILL:  # else it leaves, or an impact stops it
+            raise SceneError(
+                f"start: contact {point.name!r} slides at {across:.3g} m/s along rough ground, which never lets a point slip: "
+                "give rates with which it rests, or the contact a finite friction"
+            )
 
     def _after(self, hit: Watched, mover: Engine, footings: tuple[Footing, ...]) -> Outcome:
         """Return what follows the event of a contact."""
