@@ -155,3 +155,16 @@ def test_point_that_a_force_across_turns_at_once_slides_on(engine, method, speed
     kept = run["x_dot"] * (np.hypot(run["x_dot"], run["y_dot"]) + run["y_dot"])
     assert run.status == "finished" and not run.events and run["y_dot"][-1] > 0.1
     np.testing.assert_allclose(kept, kept[0], rtol=2e-4)
+
+
+def test_a_start_that_slides_on_rough_ground_is_refused():
+    """Held by rows it would be stopped by no force that is accounted for."""
+    scene = {
+        "plane": True, "base": {"kind": "free", "mass": 1.0}, "contacts": [{"name": "foot", "point": "base"}],
+        "start": {"z": 0.0, "x_dot": 0.5},
+    }
+    with pytest.raises(vlmb.SceneError, match=r"contact 'foot' slides at 0\.5 m/s along rough ground"):
+        vlmb.simulate(vlmb.Scene.from_dict(scene), duration=0.1)
+    contact = {"name": "foot", "point": "base", "friction": 0.4}
+    slides = vlmb.simulate(vlmb.Scene.from_dict({**scene, "contacts": [contact]}), duration=0.2)
+    assert slides.events[0].kind == "stick" and abs(slides["balance"]).max() < 1e-9
