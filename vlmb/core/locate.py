@@ -51,7 +51,7 @@ def _crossings_of(driver: Driver, index: int, value: Callable[[float], float]) -
     """Watched crossings of one indicator: between looks at which its sign differs."""
     column = driver.indicators[:, index]
     side, found = float(column[SIDE]), []
-    looks = _with_turns(_looks(driver, column, value), value)
+    looks = with_turns(_looks(driver, column, value), value)
     for (before, earlier), (t, now) in itertools.pairwise(looks):
         if leaves(side, sign(now), column[DIRECTION]):
             crossed = sign(earlier) * sign(now) < 0.0
@@ -69,7 +69,7 @@ def _looks(driver: Driver, column: Array, value: Callable[[float], float]) -> li
     return [(t0, float(column[VALUE_BEFORE])), *between, (t1, float(column[VALUE]))]
 
 
-def _with_turns(looks: list[tuple[float, float]], value: Callable[[float], float]) -> list[tuple[float, float]]:
+def with_turns(looks: list[tuple[float, float]], value: Callable[[float], float]) -> list[tuple[float, float]]:
     """Add where an indicator is nearest to 0 between three looks that have one sign, the middle one the nearest."""
     found = list(looks)
     for (a, at_a), (b, at_b), (c, at_c) in zip(looks, looks[1:], looks[2:], strict=False):

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.driver import ATOL, EVALUATIONS, NEXT_SAMPLE, RATE, RTOL, STEPS, Driver
-from vlmb.core.locate import Crossing, root
+from vlmb.core.locate import LOOKS, Crossing, root, with_turns
 from vlmb.errors import SimulationError, VlmbError
 from vlmb.simulation.engine import Engine
 from vlmb.system.events import IN_LINE, LINE_UP
@@ -81,16 +81,19 @@ class Passage(NamedTuple):
         return part.at(t) if t < self.t else self.y
 
     def first_crossing(self, engine: Engine) -> Crossing | None:
-        """Return the first event within it."""
-        crossed = []
-        ends = [(part.t, engine.indicators(part.t, part.y)[0]) for part in self.parts]
-        ends.append((self.t, engine.indicators(self.t, self.y)[0]))
-        for (a, at_a), (b, at_b) in pairwise(ends):
-            for k, event in enumerate(engine.events):
-                way = np.sign(at_b[k])
-                if k == engine.dependent or at_a[k] * at_b[k] >= 0.0 or event.direction * way < 0.0:
+        """Return the first event within it; looked for as within a step, but at all indicators."""
+        ends, crossed = [*(part.t for part in self.parts), self.t], list[Crossing]()
+        times = [*(t for a, b in pairwise(ends) for t in np.linspace(a, b, LOOKS + 1)[:-1].tolist()), float(self.t)]
+        seen = np.array([engine.indicators(t, self.at(t))[0] for t in times])
+        for k, event in enumerate(engine.events):
+            if k == engine.dependent:
+                continue
+            value = partial(self._indicator, engine, k)
+            for (a, at_a), (b, at_b) in pairwise(with_turns(list(zip(times, seen[:, k].tolist(), strict=True)), value)):
+                way = np.sign(at_b)
+                if at_a * at_b >= 0.0 or event.direction * way < 0.0:
                     continue
-                at = root(partial(self._indicator, engine, k), a, b, at_a[k], at_b[k])
+                at = root(value, a, b, at_a, at_b)
                 if event.kind != LINE_UP or engine.in_line(event, at, self.at(at)) < IN_LINE:
                     crossed.append(Crossing(at, k, int(way)))
         return min(crossed, default=None)
@@ -119,7 +122,7 @@ class Passing:
         """Return a way out of a start in which rows are dependent that are not so beside it; None where nothing is lost."""
         y, tolerances = np.array(driver.point), (float(driver.real[RTOL]), float(driver.real[ATOL]))
         fastest = float(np.abs(y[self.engine.velocities]).max(initial=0.0))
-        if fastest == 0.0 or not t < until or not _loses(self.engine, t, y, BESIDE / fastest):
+        if fastest == 0.0 or not t < until or not _loses(self.engine, t, y, min(BESIDE / fastest, until - t)):
             return None
         counted = _Counted(self.engine)
         for span in (LEAVING / fastest / SHARE**k for k in range(TRIES)):
@@ -160,9 +163,12 @@ class Passing:
 
 
 def _loses(mover: Engine, t: float, y: Array, ahead: float) -> bool:
-    """Whether rows depend on each other that do not so a time [s] ahead."""
-    beside = _Counted(mover).on_rows(t + ahead, y + ahead * mover.evaluate(t, y))
-    answers = [mover.rows(t, y).answers, mover.rows(t + ahead, beside).answers]
+    """Whether rows depend on each other that do not so a time [s] ahead, as far as they have an answer there."""
+    try:
+        beside = _Counted(mover).on_rows(t + ahead, y + ahead * mover.evaluate(t, y))
+        answers = [mover.rows(t, y).answers, mover.rows(t + ahead, beside).answers]
+    except VlmbError:
+        return False
     sizes = np.maximum(np.max([np.linalg.norm(each, axis=1) for each in answers], axis=0), TINIEST)
     here, there = ((np.linalg.svd(each / sizes[:, None], compute_uv=False) > math.sqrt(REPEATING)).sum() for each in answers)
     return bool(here < there)
