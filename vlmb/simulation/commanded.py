@@ -9,12 +9,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.scene.by_phase import acting, goes_by_modes
 from vlmb.scene.names import listed
+from vlmb.scene.scene import with_values
 from vlmb.simulation.settling import Settling
 from vlmb.system.contacts import CLOSED, HELD, OPEN, SLIDING, STANDING, STILL, Footing
 from vlmb.system.probe import Answers, Probe
@@ -63,9 +63,9 @@ class Commanded(Settling):
                 ways = {k: found[1].get(k, ways.get(k, np.zeros(3))) for k, state in states.items() if state == SLIDING}
         finally:
             self.given = None
-        touching = listed([self.points[k].name for k in resting])
-        why = "in each the controls of the programme lead to others"
-        return {}, {}, f"no modes of the contacts {touching} go on: {why}; let it ask for forces that the contacts can give"
+        touching = [self.points[k].name for k in resting]
+        why = f"no modes of the contacts {listed(touching)} go on: in each what acts in it leads to others"
+        return {}, {}, self._asked(why, frozenset(touching))
 
     def _first_modes(
         self, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],
@@ -135,7 +135,7 @@ class Commanded(Settling):
 
     def _without_programmes(self) -> System:
         """Return the system with forces from outside in the place of programmes."""
-        scene = msgspec.structs.replace(self.system.mechanism.scene, programme=None, programmes=())
+        scene = with_values(self.system.mechanism.scene, {"programme": None, "programmes": ()})
         made = make_system(self.system.with_scene(scene), self.system.run, self._commands())
         made.__dict__["work_names"] = self.system.work_names
         return made
