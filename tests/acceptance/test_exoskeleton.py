@@ -10,6 +10,8 @@ import pytest
 import vlmb
 from tests.simulation.test_exoskeleton import MODEL, MOTORS, MUSCLES, phases
 
+pytestmark = pytest.mark.acceptance
+
 
 @pytest.fixture(scope="module")
 def scene():

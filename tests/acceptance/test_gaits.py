@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vlmb
-from tests.reference.contacts import GOSWAMI, Compass, compass_gait, compass_step, steady_run, steady_walk
+from tests.reference.contacts import GOSWAMI, Compass, Runner, compass_gait, compass_step, steady_run, steady_walk, walking_step
 from tests.simulation.walkers import model
 
 LEGS = ["psi1", "psi2", "psi1_dot", "psi2_dot"]
@@ -86,4 +86,15 @@ def test_walking_on_two_springs_from_a_rough_guess() -> None:
     assert found == pytest.approx((own.height, own.speed, 0.0, own.time), abs=1e-9)
     assert gait.trajectory["x"][-1] == pytest.approx(own.length, abs=1e-9)
     assert gait.uncertainty.max() < 1e-6 and gait.multipliers[0] == pytest.approx(1.0, abs=1e-6)
-    assert abs(gait.multipliers[1]) == pytest.approx(0.977971, abs=1e-5)  # how what swings about it dies out in ten steps
+    walker = Runner(stiffness=14_000.0, attack=math.radians(69.0), energy=816.0)
+
+    def after(height: float, rising: float) -> np.ndarray:
+        step = walking_step(height, walker, rising)
+        return np.array([step.height, step.vertical_speed])
+
+    slopes = []
+    for h in (2e-4, 1e-4):  # at the same energy; the third multiplier is that of the energy
+        ways = (h, 0.0), (0.0, h)
+        slopes.append(np.column_stack([(after(own.height + a, b) - after(own.height - a, -b)) / (2.0 * h) for a, b in ways]))
+    values = np.linalg.eigvals((4.0 * slopes[1] - slopes[0]) / 3.0)
+    assert np.abs(gait.multipliers[1:]) == pytest.approx(np.abs(values), abs=1e-6)

@@ -11,6 +11,8 @@ import pytest
 import vlmb
 from tests.simulation import test_walker as first_steps
 
+pytestmark = pytest.mark.acceptance
+
 WALKER = Path(__file__).resolve().parents[2] / "models" / "figure_walker.toml"
 WHOLE = 11.0  # s
 

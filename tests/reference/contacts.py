@@ -418,10 +418,11 @@ class WalkingStep(NamedTuple):
         return self.single + self.double + self.rest
 
 
-def walking_step(height: float, walker: Runner) -> WalkingStep:
-    """One step from a leg at the vertical with no vertical speed."""
+def walking_step(height: float, walker: Runner, rising: float = 0.0) -> WalkingStep:
+    """One step from a leg at the vertical with a vertical speed."""
     mass, stiffness, rest, attack, energy, gravity = walker
-    speed = math.sqrt(2.0 / mass * (energy - mass * gravity * height - 0.5 * stiffness * (rest - height) ** 2))
+    moving = 2.0 / mass * (energy - mass * gravity * height - 0.5 * stiffness * (rest - height) ** 2)
+    speed = math.sqrt(moving - rising**2)
 
     def on(*feet: float) -> Field:
         def field(_: float, s: Array) -> list[float]:
@@ -434,7 +435,8 @@ def walking_step(height: float, walker: Runner) -> WalkingStep:
 
         return field
 
-    single, s = until(on(0.0), np.array([0.0, height, speed, 0.0]), lambda s: s[1] - rest * math.sin(attack), 1.5, rising=False)
+    start = np.array([0.0, height, speed, rising])
+    single, s = until(on(0.0), start, lambda s: s[1] - rest * math.sin(attack), 1.5, rising=False)
     foot = float(s[0]) + rest * math.cos(attack)
     double, s = until(on(0.0, foot), s, lambda s: math.hypot(s[0], s[1]) - rest, 1.5, rising=True)
     last, s = until(on(foot), s, lambda s: s[0] - foot, 1.5, rising=True)
