@@ -264,3 +264,23 @@ def test_programmes_of_phases_that_are_wrong() -> None:
     ):
         with pytest.raises(vlmb.VlmbError, match=said):
             vlmb.check(pogo(programmes=programmes))
+
+
+def test_a_humanoid_is_dropped_on_its_soles() -> None:
+    """In the air no torque moves the centre of mass: the programme acts once he stands, or it is told that it cannot."""
+    scene = vlmb.load_scene(Path(__file__).resolve().parents[2] / "models" / "robots" / "humanoid_on_its_soles.toml").to_dict()
+    scene |= {"expect": {}, "start": {**scene["start"], "root.z": scene["start"]["root.z"] + 0.01}}
+    always = vlmb.simulate(scene, duration=0.3)
+    assert always.status == "failed" and "cannot be met here by" in always.message and "and 22 more" in always.message
+    with pytest.raises(vlmb.SingularError, match="cannot be met here"):
+        vlmb.check(scene)
+    scene["programme"]["closed"] = ["left_toe_in", "right_heel_out"]
+    lands = run(scene, duration=0.3)
+    (touch,) = lands.events
+    assert touch.t == pytest.approx(np.sqrt(0.02 / 9.81), abs=1e-6) and len(touch.contacts) == 8 and touch.lost > 0.0
+    assert lands.status == "finished" and len(lands.phases[-1].closed) == 8 and min(lands.lowest_gaps.values()) > -1e-9
+    weight, up = 9.81 * float(lands.mechanism.table.mass), sum(force[:, 2] for name, force in lands.reactions.items())
+    stands = lands.t > touch.t + 1e-6
+    inertia = np.gradient(lands["com.z_dot"][stands], lands.t[stands], edge_order=2) * weight / 9.81
+    assert np.abs(up[stands] - weight - inertia)[2:-2].max() < 1e-2 * weight
+    assert np.abs(lands["balance"]).max() < 1e-6

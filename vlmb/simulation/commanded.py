@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.errors import SingularError
 from vlmb.scene.by_phase import acting, goes_by_modes
 from vlmb.scene.names import listed
 from vlmb.scene.scene import with_values
@@ -50,8 +51,11 @@ class Commanded(Settling):
             while len(tried) < MOST:
                 tried.append(states)
                 closed = frozenset(self.points[k].name for k, state in states.items() if state in CLOSED)
-                self.given = self._acting(y, states, ways)
-                found = self._modes_under(closed, y, resting, frames, speeds, leaving)
+                try:
+                    self.given = self._acting(y, states, ways)
+                    found = self._modes_under(closed, y, resting, frames, speeds, leaving)
+                except SingularError as error:  # a programme that needs other contacts than these
+                    found = states, {}, str(error)
                 if found[0] == states and not found[2]:
                     return found
                 states = found[0]

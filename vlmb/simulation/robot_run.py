@@ -23,10 +23,12 @@ from vlmb.simulation.loop import Loop
 from vlmb.simulation.robot_phases import RobotPhases, with_engine
 from vlmb.simulation.robot_trajectory import RobotTrajectory
 from vlmb.system import interrupts
+from vlmb.system.beginning import touching
+from vlmb.system.contacts import HELD, SLIDING, Footing
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.robot_engine import RobotEngine, RobotView, asked
 from vlmb.system.robot_start import robot_start
-from vlmb.system.robot_system import make_robot_system
+from vlmb.system.robot_system import RobotSystem, make_robot_system
 from vlmb.system.robot_workspace import RobotWorkspace
 from vlmb.system.start import Start
 
@@ -109,6 +111,8 @@ def check_robots(mechanism: RobotMechanism) -> Start:
     system = make_robot_system(mechanism)
     start = robot_start(system)
     system.breaks(0.0, scene.run.duration)
+    if system.points:
+        system = system.phase(_standing(system, start))
     engine = RobotEngine(system, start.state)
     engine.workspace.evaluate(0.0, engine.pack(start.state))
     programme, notes = engine.workspace.programme, []
@@ -116,3 +120,15 @@ def check_robots(mechanism: RobotMechanism) -> Start:
         notes.append(programme.controllable)
         notes += engine.workspace.unreached()
     return start._replace(adjustments=(*start.adjustments, *notes))
+
+
+def _standing(system: RobotSystem, start: Start) -> list[Footing]:
+    """Return how contacts stand at a start: those that touch hold."""
+    view: Any = RobotView(system, RobotWorkspace(system), 0.0, State(*map(np.array, start.state)))
+    own: Any = system
+    found, names = [], touching(own, view)
+    for point in system.points:
+        place = np.array([view[name] for name in point.names])
+        state = SLIDING if point.smooth else HELD
+        found.append(point.footing_at(state, 0.0, place, False) if point.name in names else Footing())
+    return found

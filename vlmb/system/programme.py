@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
 SMALLEST = 1e-5  # of G in the scales of the controls [1/s^2]: RANK times this is rounding
+MANY = 8  # controls that are named
 WEAK = 1e-3  # of the smallest singular value at the start: where a run fails, this is why
 
 
@@ -261,8 +262,9 @@ def out_of_reach(plan: ProgrammePlan, g: Array, beta: Array) -> SingularError:
     answer, _, rank, singular = np.linalg.lstsq(g, beta, rcond=RANK)
     error = np.abs(g @ answer - beta)
     rows = [repr(plan.texts[k]) for k in sorted(np.argsort(-error)[:3]) if error[k] > 0.1 * error.max()]
+    more = f" and {len(plan.names) - MANY} more" if len(plan.names) > MANY else ""
     return SingularError(
-        f"programme: {', '.join(rows)} cannot be met here by {', '.join(plan.names)} (rank {rank} of {len(beta)} "
+        f"programme: {', '.join(rows)} cannot be met here by {', '.join(plan.names[:MANY])}{more} (rank {rank} of {len(beta)} "
         f"rows, smallest singular value {singular[-1]:.1e}; {weak_rows(plan, g)}): add a control that moves it, or drop a row "
         "that contradicts another"
     )

@@ -30,6 +30,8 @@ drive = direct(driven.drive)
 
 REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
 NO_VALUES = "the ideal constraints, welds or edges have no finite values here"
+BEYOND = 1e8  # controls over their scales, together, of which it is asked whether they reach what they are for
+ROUNDED = 1e-11  # of what controls move in all joints: what is left of it in a row by rounding
 LOOSE = 1e-8  # relative size below which a direction of joints counts as out of reach of the controls
 
 
@@ -118,9 +120,20 @@ class RobotSolving:
             code = drive(*given, 2)
         if code == SHARED:
             self._least_multipliers()
+        if not np.abs(self.values[self.first_control :]).dot(1.0 / self.scales) < BEYOND:
+            self._require_reach()
         if extra is not None:
             self.values[self.first_control :] += extra
         return self.room.moved[1]
+
+    def _require_reach(self) -> None:
+        """Raise SingularError where controls beyond all measure hide that none of them reaches some row."""
+        assert self.system.plan is not None
+        g, lacks = self.effects()
+        rows = self.matrix[self.eliminated : self.eliminated + len(g)]
+        nothing = ROUNDED * float(np.abs(rows).dot(np.abs(self.pulled).T).max(initial=0.0))
+        if len(g) and not np.linalg.svd(g, compute_uv=False)[-1] > nothing:
+            raise out_of_reach(self.system.plan, np.where(np.abs(g) < nothing, 0.0, g), lacks)
 
     def _take_gains(self) -> None:
         """Take the gains and weights that the motion gives here. Raises SimulationError for a weight that is not above 0."""
