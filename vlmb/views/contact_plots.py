@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Reader = Callable[[Trajectory], "Array | None"]
 
 LIGHT = 1e-6  # of the largest normal force: below it a contact pushes nowhere, and asks for no friction
+USUAL = 95.0  # per cent of the samples that stay below what is taken for usual
 FLAT = "z"  # the surface on which a centre of pressure lies
 BELOW = "#999999"  # of what the ground gives, and of where feet stand
 
@@ -91,10 +92,10 @@ def _limits(ax: Axes, found: Sequence[Contact]) -> None:
     gives = {float(limit) for contact in found if (limit := _given(contact)) is not None and math.isfinite(limit)}
     for limit in gives:
         ax.axhline(limit, color=BELOW, linestyle="--", linewidth=1.0, zorder=0.5, label="_")
-    if gives:
-        ax.set_ylim(0.0, 1.25 * max(gives))
-    else:
-        ax.set_ylim(bottom=0.0)
+    needed = [np.asarray(line.get_ydata(), float) for line in ax.lines]
+    shown = np.concatenate([values[np.isfinite(values)] for values in needed if len(values) > 2] or [np.zeros(1)])
+    usual = 1.5 * float(np.percentile(shown, USUAL)) if len(shown) else 0.0  # just before it lifts a foot needs any friction
+    ax.set_ylim(0.0, 1.25 * max(gives) if gives else max(min(float(shown.max(initial=0.0)) * 1.05, usual), 0.1))
 
 
 def _given(contact: Contact) -> float | None:

@@ -29,7 +29,7 @@ def darkened(figure: Figure) -> Figure:
         if isinstance(artist, (Line2D, Text)):
             artist.set_color(counterpart(artist.get_color()))
         elif isinstance(artist, (Patch, Collection)) and (band := _band(artist.get_facecolor())):
-            artist.set_facecolor((*to_rgb(band), 0.25))
+            artist.set_facecolor((*_deep(to_rgb(band)), 0.35))
         elif isinstance(artist, Patch):
             artist.set_facecolor(counterpart(artist.get_facecolor()))
             artist.set_edgecolor(counterpart(artist.get_edgecolor()))
@@ -39,6 +39,12 @@ def darkened(figure: Figure) -> Figure:
     for ax in figure.axes:
         ax.tick_params(which="both", colors=INK, grid_color=GRID)
     return figure
+
+
+def _deep(colour: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return a pale colour of the same hue as it is told from others on a dark ground."""
+    hue, _, saturation = colorsys.rgb_to_hls(*colour)
+    return colorsys.hls_to_rgb(hue, 0.45, 0.6 if saturation > 0.0 else 0.0)
 
 
 def _band(colours: Any) -> str | None:
