@@ -98,10 +98,7 @@ class Scene(SceneTables, frozen=True, kw_only=True):
 
     def with_numbers(self, start: dict[str, float], links: tuple[Link, ...]) -> Scene:
         """Return this scene with tables that differ from its own in numbers which the caller has checked."""
-        made: Scene = msgspec.Struct.__copy__(self)  # type: ignore[attr-defined]
-        msgspec.structs.force_setattr(made, "start", start)
-        msgspec.structs.force_setattr(made, "links", links)
-        return made
+        return with_values(self, {"start": start, "links": links})
 
     @property
     def surface_gravity(self) -> tuple[float, float, float]:

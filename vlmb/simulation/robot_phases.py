@@ -68,7 +68,7 @@ class RobotPhases(PhasedRun):
     def _commands(self) -> tuple[str, ...]:
         """Name the forces from outside, and the controls of programmes."""
         system: Any = self.system
-        return commands_of(system)
+        return (*system.inputs, *system.own.controls)
 
     def _view(self, y: Array) -> Any:
         engine = self._mover_of(y)
@@ -81,11 +81,6 @@ class RobotPhases(PhasedRun):
 
     def _angle_to(self, point: ContactPoint) -> float | None:
         return None
-
-
-def commands_of(system: RobotSystem) -> tuple[str, ...]:
-    """Name the forces from outside, and the controls of all programmes."""
-    return (*system.inputs, *system.own.controls)
 
 
 def with_engine(system: RobotSystem, start: State) -> RobotSystem:
