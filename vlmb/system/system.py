@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -47,6 +47,9 @@ from vlmb.system.work_names import names_of_work
 Array = NDArray[np.float64]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
+OF_THE_MARCH: Mapping[str, Any] = {"duration": 1.0, "rtol": 1e-6, "atol": 1e-6, "samples": 1.0, "max_step": None}  # no equation's
+RECENT = 4
+_made: tuple[tuple[System, Run], ...] = ()  # the last ones: runs of one mechanism share what is compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +89,12 @@ class System:
     def workspace(self, control: Control | None = None, branch: Sequence[float] | None = None) -> Workspace:
         """Make the buffers of one run. `control` gives the inputs; `branch` (N,) is the one that angles are first read on."""
         return Workspace(self, control, branch)
+
+    def with_run(self, run: Run) -> System:
+        """Return this system with a run of the same equations: nothing is compiled again."""
+        made, own = dataclasses.replace(self, run=run), {field.name for field in dataclasses.fields(self)}
+        made.__dict__.update({name: value for name, value in self.__dict__.items() if name not in own})
+        return made
 
     def with_inputs(self, names: Sequence[str]) -> System:
         """Return this system with forces from outside, by name; nothing is compiled again."""
@@ -229,8 +238,28 @@ def make_system(
 
     Raises SceneError for what is wrong with forces, equations, programme, gains or options.
     """
+    run = msgspec.structs.replace(mechanism.scene.run if run is None else run, **options)
+    if inputs is None and contacts is None:
+        return _shared(mechanism, run)
+    return _compiled(mechanism, run, inputs, contacts)
+
+
+def _shared(mechanism: Mechanism, run: Run) -> System:
+    """Return a system made before of the same mechanism and equations, with other options of its march; else a new one."""
+    global _made
+    alone = msgspec.structs.replace(run, **OF_THE_MARCH)
+    for made, equations in _made:
+        if made.mechanism is mechanism and equations == alone:
+            return made.with_run(run)
+    system = _compiled(mechanism, run)
+    _made = ((system, alone), *_made[: RECENT - 1])
+    return system
+
+
+def _compiled(
+    mechanism: Mechanism, run: Run, inputs: Sequence[str] | None = None, contacts: PhaseContacts | None = None
+) -> System:
     scene = mechanism.scene
-    run = msgspec.structs.replace(scene.run if run is None else run, **options)
     if run.knife_edge not in KNIFE_EDGES:
         raise SceneError(f"knife_edge = {run.knife_edge!r}: no such knife_edge; {nearest(run.knife_edge, KNIFE_EDGES)}")
     if scene.base.friction_on == "resultant" and run.knife_edge == "reduction":
