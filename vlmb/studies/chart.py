@@ -28,7 +28,7 @@ from vlmb.studies.symmetry import place_axes, symmetries, turned
 from vlmb.system import events
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
-from vlmb.system.jets import Numbers, as_numbers, atan2, cos, hypot, jets, sin, slopes_of, sqrt
+from vlmb.system.jets import Numbers, as_numbers, atan2, cos, derivatives, hypot, sin, sqrt
 from vlmb.system.replay import Replay, lifted
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System
@@ -267,9 +267,8 @@ class Chart:
     def pushes(self) -> Array:
         """Return how dx/dt (n,) changes with the forces from outside (n, S)."""
         x = self.numbers(self.origin).astype(object)
-        y, count = self.state(x), len(self.engine.memory.inputs)
-        found = self._rates_at(x, y, self.replay.evaluate(self.t, y, jets(np.zeros(count))).slope)
-        return slopes_of(found, count)
+        y, none = self.state(x), np.zeros(len(self.engine.memory.inputs))
+        return derivatives(lambda forces: self._rates_at(x, y, self.replay.evaluate(self.t, y, forces).slope), none)
 
     def _rates_at(self, x: Numbers, y: Numbers, dy: Numbers) -> Numbers:
         count, w = len(self.positions), self.first

@@ -176,7 +176,7 @@ def sqrt(x: Any) -> Any:
         return _plainly("sqrt", x)
     value = _plainly("sqrt", x.value)
     if value == 0.0:
-        return Jet(value, np.where(x.slopes == 0.0, 0.0, math.inf * x.slopes))
+        return Jet(value, np.where(x.slopes == 0.0, 0.0, np.copysign(math.inf, x.slopes)))
     return Jet(value, x.slopes * (0.5 / value))
 
 
