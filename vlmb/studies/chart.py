@@ -208,9 +208,9 @@ class Chart:
         turn = self._turn_of(y) if self.turning else 0.0
         y = turned(self.arrays, y, -turn)
         seen = self.system.core_plan.postures(np.array([self.t]), y[None])
-        near = self.values.copy()
+        near, begun = self.values.copy(), self._turn_of(self.origin) if self.turning else 0.0  # however far it has turned since
         for i in range(len(self.layout.links) if self.turning and not self.layout.plane else 0):
-            near[self.layout.place("phi", i)] -= turn
+            near[self.layout.place("phi", i)] -= begun
         values, rates = (part[0] for part in read_along(seen, np.array([self.t]), near[None]))
         found = []
         numbers = [*((e, values, False) for e in self.positions), *((e, rates, True) for e in self.velocities)]
