@@ -57,6 +57,7 @@ from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP,
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
+CLOSE = 1e-6  # of a run: so near before a break a law that has no value there is what stops it
 SHORTER, SHORTEST = 0.25, 1e-12  # of a step that is begun anew; [s] one that is not
 JUMPS = (OPENS, SLIPS)  # forces jump, motions do not
 
@@ -193,7 +194,7 @@ class Loop:
                 self._note_time()
                 beyond = go_beyond(self.engine, self.driver, self.t) if code in (STUCK, NOISY) else None
                 self.t = self.t if beyond is None else beyond
-                sentence = self._in_line(self._failure(code)) if beyond is None else self._after_stop(until)
+                sentence = self._in_line(self._failure(code, end)) if beyond is None else self._after_stop(until)
                 if sentence is not None:
                     return sentence
 
@@ -377,8 +378,11 @@ class Loop:
         self.extra = self.t, np.array(self.driver.point)
         self.engine.note(*self.extra)
 
-    def _failure(self, code: int) -> VlmbError:
+    def _failure(self, code: int, end: float) -> VlmbError:
+        """Return why a method could not go on to an end; raises at once what a law without a value there says."""
         error = self.engine.failure(self.driver)
+        if error is None and end in self.breaks and end - self.t < CLOSE * (self.last - self.start):
+            self.engine.evaluate(end, np.array(self.driver.point))
         return SimulationError(why_stuck(code, self.driver, self.method.adaptive)) if error is None else error
 
     def _note_time(self) -> None:

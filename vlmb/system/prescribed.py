@@ -16,7 +16,7 @@ from vlmb.scene.by_phase import numbers_of
 
 LENGTH_JUMP, RATE_JUMP = 1e-7, 1e-4  # [m, m/s] that are too much, whatever they are
 CLOSE = 1e-9  # [s] from where sides are continued, beside those of `law_jump`
-ROUNDED = 1e-9  # of a length or a rate: a jump that is none
+ROUNDED = 1e-9  # of a length, or a rate [1/s]: a jump that is none
 
 
 class Prescribed(NamedTuple):
@@ -30,9 +30,10 @@ class Prescribed(NamedTuple):
 
 
 def require_smooth(at: Prescribed, breaks: Iterable[float], start: float) -> None:
-    """Raise SceneError where a given length, or its rate, jumps at a break [s]: at the start, from what it has there."""
+    """Raise SceneError where a given length, or its rate, jumps at a break [s]; at the start a rate may begin at once."""
     for t in breaks:
         value, rate = _jump(at.law, t, t == start)
+        rate = 0.0 if t == start else rate
         if value or rate:
             raise SceneError(
                 f"{at.name}: the law {at.law.text!r} is not smooth enough at t = {t:.6g} s (length jumps by {value:.3g} m, "
@@ -44,10 +45,10 @@ def _jump(law: Law, t: float, starts: bool) -> tuple[float, float]:
     """Return by how much a length [m] and its rate [m/s] jump at a time; 0 where it is rounding or fades nearby."""
     near = max(CLOSE, 64.0 * math.ulp(t))
     before, after = _continued(law, t, 0.0 if starts else -near), _continued(law, t, near)
-    found = []
+    length, found = max(abs(before[0]), abs(after[0])), []
     for one, other, wide, most in zip(before, after, law_jump(law, t), (LENGTH_JUMP, RATE_JUMP), strict=True):
         close = other - one
-        stays = abs(close) > ROUNDED * max(abs(one), abs(other)) and (starts or abs(close) > 0.5 * abs(wide))
+        stays = abs(close) > ROUNDED * max(length, abs(one), abs(other)) and (starts or abs(close) > 0.5 * abs(wide))
         found.append(wide if abs(wide) > most and not starts else close if stays else 0.0)
     return found[0], found[1]
 
