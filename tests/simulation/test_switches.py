@@ -126,3 +126,16 @@ def test_fixed_steps_that_may_pass_over_a_law_are_doubtful(method: str) -> None:
         law = f"exp(-((t - 0.52031)/{width})**2)/{width}"
         run = vlmb.simulate(slide(law, 20.0), 1.0, method, step=0.01)
         assert any("steps of 0.01 s may pass over that; shorten them" in doubt for doubt in run.doubts) == doubtful
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("wave", [30.0, 300.0])
+def test_events_that_the_motion_knows_nothing_of_are_all_found(wave: float, engine: str) -> None:
+    """From 1 to 3 m, free of forces: steps would be seconds long."""
+    count = math.floor(3.0 * wave / math.pi) - math.ceil(wave / math.pi) + 1
+    scene = slide("0") | {"events": [{"name": "node", "when": f"sin({wave}*xi1_1) = 0", "direction": "both"}]}
+    times = [event.t for event in vlmb.simulate(scene, 2.0, engine=engine).events if event.name == "node"]
+    assert len(times) == count
+    np.testing.assert_allclose(np.diff(times), math.pi / wave, rtol=1e-6)
+    for until in ("abs(xi1_1 - 2) - 1e-5", "max(xi1_1 - 2, 2 - xi1_1) - 1e-5"):
+        assert vlmb.simulate(slide("0"), 2.0, until=until, engine=engine).t[-1] == pytest.approx(0.99999, abs=1e-9)
