@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import sici
 
 import vlmb
 from tests.small_scenes import ANY_LENGTH, PIVOT
@@ -85,6 +86,18 @@ def test_a_law_without_a_value_at_an_end_is_named_all_the_same(law: str) -> None
     for method in ("rk4", "dop853"):
         run = vlmb.simulate(slide(law), 1.0, method, step=0.01)
         assert run.status == "failed" and f"the law {law!r} of the force on F1_1 has no finite value" in run.message
+
+
+@pytest.mark.parametrize("law", ["1/(0.3 - t)", "1/abs(t - 0.3)", "where(t < 0.3, 0, 1e-6/(t - 0.3))", "tan(pi*t/0.6)"])
+def test_a_pole_of_a_law_is_no_break_to_step_over(law: str) -> None:
+    """Its impulse has no bound; that of a root, of a logarithm and of sin(t)/t has one."""
+    for method in ("dop853", "adams", "radau", "rk4"):
+        run = vlmb.simulate(slide(law), 1.0, method)
+        assert run.status == "failed" and "at t = 0.3 s" in run.message
+    root, wave = 2.0 * (math.sqrt(0.3) + math.sqrt(0.7)), float(sum(sici([0.3, 0.7])[0]))
+    for tame, impulse in (("abs(t - 0.3)**-0.5", root), ("sin(t - 0.3)/(t - 0.3)", wave)):
+        run = vlmb.simulate(slide(tame), 1.0)
+        assert run["xi1_1_dot"][-1] == pytest.approx(1.0 + impulse, abs=1e-4)
 
 
 def test_a_switch_counts_at_any_time_of_the_clock() -> None:
