@@ -62,7 +62,7 @@ def _footing(entry: Sequence[Any]) -> Footing:
 
 def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:
     t, kind, name, contacts, impulses, lost, modes, *others = entry  # older files say nothing of the last two
-    several, early = (*others, *(False, 0.0)[len(others) :])
+    several, early = others[:1] == [True], others[1] if len(others) > 1 else 0.0
     known = {name, *contacts, *impulses, *modes}
     if kind not in KINDS or not isinstance(name, str) or has_controls(name) or not known - {name} <= {*names}:
         raise ValueError(f"event {kind!r:.40} of {name!r:.40}")
@@ -71,7 +71,7 @@ def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:
     pushed = {n: read_only(np.array(_vector(p))) for n, p in impulses.items()}
     shown = MappingProxyType(dict(modes))
     made = Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), shown)
-    return made._replace(several=several is True, early=_number(early))
+    return made._replace(several=several, early=_number(early))
 
 
 def _vector(values: Sequence[Any]) -> tuple[float, float, float]:

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 SOON = 2e-6  # [s] from which on the end of impacts is near
 EXACT = 1e-15  # [m/s] a speed that is none but for rounding
+BEGINS = 1e-12  # [m/s] a speed with which a contact begins to slide: more than rounding, that could turn it back at once
 
 
 class Strikes:
@@ -71,7 +72,7 @@ class Resting(ContactView):
     def _pushed(
         self, y: Array, found: Answers, which: Sequence[int], frames: Mapping[int, Array], p: Array, before: Array, after: Array
     ) -> tuple[Array, float]:  # fmt: skip
-        """Return a state after impulses p along the rows of contacts, and the energy lost [J]; before, after: speeds of the rows."""
+        """Return a state after impulses p along rows of contacts, and the energy lost [J]; before, after: speeds of the rows."""
         along = self._problem(which, frames)[0].T @ p
         lost = float(-0.5 * p @ (after + before))
         y = np.array(y)
@@ -89,27 +90,34 @@ class Resting(ContactView):
     def _stopped(
         self, y: Array, found: Answers, frames: Mapping[int, Array], states: Mapping[int, str], ways: Mapping[int, Array]
     ) -> tuple[Array, Array, float]:  # fmt: skip
-        """Return the state in which what is closed has no speed along its rows, the impulses along x, y, z, the energy lost [J].
+        """Return the state in which what is closed has no speed along its rows, impulses along x, y, z, the energy lost [J].
 
-        Impulses push as reactions do from now on: with friction where a contact slides. One that begins to slide has no speed.
+        Impulses push as reactions do from now on: with friction where a contact slides. One that begins to slide goes its way.
         """
         closed = [k for k, state in states.items() if state in CLOSED]
         turn, rows = self._problem(closed, frames)
         v = np.concatenate([np.zeros(0), *(self._local(found.jets[k], k, frames[k]) for k in closed)])
-        unit, kept, columns = np.eye(len(v)), list[int](), list[Array]()
+        unit, kept, columns, speeds = np.eye(len(v)), list[int](), list[Array](), np.zeros(len(v))
         for k, (normal, across) in zip(closed, rows, strict=True):
-            friction, held = self._friction(k, states[k], ways.get(k, np.zeros(3)), frames[k], len(across))
+            way = ways.get(k, np.zeros(3))
+            friction, held = self._friction(k, states[k], way, frames[k], len(across))
             columns.append(unit[normal].copy())
             columns[-1][normal - len(friction) : normal] = friction
             kept.append(normal)
             for part, axes in enumerate(across):
-                if part in held or (self.points[k].contact.slips and np.linalg.norm(v[list(axes)]) <= STILL):
+                begins = part not in held and self.points[k].contact.slips and np.linalg.norm(v[list(axes)]) <= STILL
+                if begins and self.points[k].edge is not None:
+                    speeds[list(axes)] = BEGINS * np.sign(way[1 - part])
+                elif begins:
+                    speeds[list(axes)] = BEGINS * (frames[k][:-1] @ way)
+                if begins or part in held:
                     kept += axes
                     columns += [unit[row] for row in axes]
-        if float(np.abs(v[kept]).max(initial=0.0)) <= EXACT:
+        off = v[kept] - speeds[kept]
+        if float(np.abs(off).max(initial=0.0)) <= EXACT:
             return y, np.zeros(turn.shape[1]), 0.0
         g, frame = turn @ found.matrix @ turn.T, Frame(np.array(columns).T, np.array(kept), {}, [])
-        p = -frame.columns @ (inverse_of(Problem(g, v, ()), frame) @ v[kept])
+        p = -frame.columns @ (inverse_of(Problem(g, v, ()), frame) @ off)
         y, lost = self._pushed(y, found, closed, frames, p, v, v + g @ p)
         return y, turn.T @ p, lost
 

@@ -30,7 +30,7 @@ from vlmb.system.slips import Slips
 Array = NDArray[np.float64]
 
 EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
-REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal, of one of Gauss over the largest entry: a row that others repeat
+REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal, a pivot over the largest entry: a row that others repeat
 REPEATING = 1e-10  # of the largest singular value of J M^-1 J^T in its scale: below it rows repeat each other
 LOST = 1e-13  # of a diagonal entry: a Cholesky pivot squared below this part of it is rounding
 TINIEST = 1e-300
