@@ -145,7 +145,7 @@ class PhasedRun(LegSteps):
     def _begin(self, out: Outcome, times: Array, told: bool) -> tuple[Engine, Loop]:
         """Begin a phase."""
         mover = self._next(out.footings, told)
-        breaks = [at for at in self.breaks if at > self.t]
+        breaks = [at for at in self.breaks if at >= self.t]
         goes = (self.t, self.bounds, self.tell, self.longest)
         loop = Loop(mover, self.options, out.y, times, breaks, *goes, slides_on=self._slides_on)
         self.begun, self.mover = (mover, loop, out.footings), mover
