@@ -107,16 +107,17 @@ def test_pencil_slips_turns_and_falls_flat(engine):
     assert rests == pytest.approx([0.0, 0.0, G], abs=1e-9) and abs(run.reactions["flat"][-1][0]) < 1e-9
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine):
+@pytest.mark.parametrize(("engine", "count"), [("core", 6), ("pinocchio", 2)])
+def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine, count):
+    """Of six links both of Pinocchio's answers are off by 5e-14 or so, which its mass matrix makes of rounding."""
     part = {"rod": {"length": 0.8, "mass": 3.0}, "lower": {"length": 0.2, "motion": "free", "stiffness": 4000.0, "damping": 3.0}}
     draw = np.random.default_rng(3)
     for _ in range(3):
-        names = [f"{angle}{i}{dot}" for angle in ("phi", "psi") for i in (1, 2) for dot in ("", "_dot")]
-        start = dict(zip(names, draw.uniform(-1.0, 1.0, 8).tolist(), strict=True))
+        names = [f"{angle}{i}{dot}" for angle in ("phi", "psi") for i in range(1, count + 1) for dot in ("", "_dot")]
+        start = dict(zip(names, draw.uniform(-1.0, 1.0, 4 * count).tolist(), strict=True))
         flying = {
             "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base"}], "start": start,
-            "links": [{**part, "tip_mass": 1.0}, {**part, "tip_mass": 1.0}],
+            "links": count * [{**part, "tip_mass": 1.0}],
         }  # fmt: skip
         pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": []}
         found = []

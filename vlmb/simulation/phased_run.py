@@ -247,7 +247,7 @@ class PhasedRun(LegSteps):
         self.standing = footings
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
         weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
-        if hit.name == SLIPS and self.points[c].edge is None and c in forces and forces[c][2] <= LIGHT * weight:
+        if hit.name == SLIPS and c in forces and forces[c][2] <= LIGHT * weight:
             hit = hit._replace(name=OPENS)  # nothing is left of its force: it lifts, and does not slip
         before, (hit, stand, landing, lost) = footings, self._with_legs(hit, footings)
         footings = tuple(stand)

@@ -171,6 +171,11 @@ class ContactPoint:
         return (footing.state,)
 
     @property
+    def shares(self) -> bool:
+        """Whether it may carry a load together with others."""
+        return type(self) is ContactPoint
+
+    @property
     def moving(self) -> bool:
         """Whether its surface moves, and may do work."""
         return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
@@ -270,6 +275,10 @@ class ContactPoint:
                 frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
         x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
         return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
+
+    def carrying_again(self, before: Footing, t: float, place: Array, plane: bool) -> Footing:
+        """Return the footing of a contact that rested on others, and carries from now on."""
+        return self.footing_at(SLIDING if self.smooth else HELD, t, place, plane)
 
     def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""
