@@ -35,6 +35,13 @@ class Part(NamedTuple):
     each: tuple[float, ...] = ()
 
 
+def part_of(first: int, bounds: Sequence[tuple[float, tuple[int, ...]]]) -> Part:
+    """Return the cone of a normal force that bounds frictions: each has its slope and its unknowns."""
+    if len(bounds) > 1:  # of a ski: along itself and across
+        return Part((first, *(at for _, unknowns in bounds for at in unknowns)), 0.0, tuple(slope for slope, _ in bounds))
+    return Part((first, *bounds[0][1]), bounds[0][0]) if bounds else Part((first,), 0.0)
+
+
 def least(a: Array, c: Array, parts: Sequence[Part]) -> Array | None:
     """Return the least y (k,) in all `parts` with a y = c, or None where there is none. Unknowns in no part are free."""
     size = float(np.linalg.norm(c))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.system.contacts import SLIDING, ContactPoint, Footing
-from vlmb.system.least_reactions import Part, least
+from vlmb.system.least_reactions import Part, least, part_of
 
 Array = NDArray[np.float64]
 
@@ -139,10 +139,7 @@ def least_shares(jacobian: Array, pushed: Array, feet: Sequence[Foot]) -> Array 
         # rough: what is across follows the normal without a bound
         bound = [part for part in foot.across if not (part.slide or math.isinf(part.hold))]
         places = [tuple(first + 1 + foot.held.index(row) for row in part.rows) for part in bound]
-        if len(bound) > 1:  # of a ski: along itself and across, each by itself
-            parts.append(Part((first, *(at for own in places for at in own)), 0.0, tuple(part.hold for part in bound)))
-        else:
-            parts.append(Part((first, *places[0]), bound[0].hold) if bound else Part((first,), 0.0))
+        parts.append(part_of(first, [(part.hold, own) for part, own in zip(bound, places, strict=True)]))
         first += unknowns.shape[1]
     unknowns = np.hstack(columns)
     y = least(jacobian.T @ unknowns, pushed, parts)
