@@ -23,7 +23,7 @@ from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, ST
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
-from vlmb.system.sharing import carrying, foot_of, let_go
+from vlmb.system.sharing import carrying, carrying_again, foot_of, let_go
 from vlmb.system.ski_contact import ALONG
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ class Settling(ContactView):
             if k not in carry:
                 after[k] = footings[k]._replace(state=RESTING)
             elif footings[k].state == RESTING:
-                after[k] = self.points[k].carrying_again(footings[k], self.t, found.jets[k, :3, 0], self.plane)
+                after[k] = carrying_again(self.points[k], footings[k], self.t, found.jets[k, :3, 0], self.plane)
         return tuple(after), set()
 
     def _happened(

@@ -276,10 +276,6 @@ class ContactPoint:
         x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
         return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
 
-    def carrying_again(self, before: Footing, t: float, place: Array, plane: bool) -> Footing:
-        """Return the footing of a contact that rested on others, and carries from now on."""
-        return self.footing_at(SLIDING if self.smooth else HELD, t, place, plane)
-
     def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""
         return Footing(gap=min(gap, 0.0) - ROUNDED)
@@ -300,8 +296,7 @@ class ContactPoint:
             return np.zeros((0, 3))
         if footing.state != HELD:
             return slope[None]
-        across = [footing.first, footing.second][: 1 + all(self.names)]
-        return np.vstack([slope, *across])
+        return np.vstack([slope[None], np.array([footing.first, footing.second][: 1 + all(self.names)])])
 
 
 def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.system.contacts import SLIDING, ContactPoint, Footing
+from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing
 from vlmb.system.least_reactions import Part, least, part_of
 
 Array = NDArray[np.float64]
@@ -69,6 +69,13 @@ def foot_of(point: ContactPoint, footing: Footing, frame: Array, normal: int) ->
         ratio, way = 0.0 if point.smooth else point.coefficient, frame[:-1] @ np.array(footing.towards)
         return Foot(normal, (Across(across, ratio, tuple((-ratio * way).tolist())),))
     return Foot(normal, (Across(across, point.at_rest),))
+
+
+def carrying_again(point: ContactPoint, before: Footing, t: float, place: Array, plane: bool) -> Footing:
+    """Return the footing of a contact that rested on others, and carries from now on; a ski stands or slides as it did."""
+    if point.edge is not None:
+        return before._replace(state=SLIDING if before.towards[1] else HELD)
+    return point.footing_at(SLIDING if point.smooth else HELD, t, place, plane)
 
 
 def carrying(g: Array, a: Array, feet: Mapping[int, Foot], idle: Collection[int], light: float) -> frozenset[int] | None:

@@ -70,10 +70,6 @@ class SkiPoint(ContactPoint):
         stands = STANDS if self.snow.friction > 0.0 and not towards[0] else ZERO
         return Footing(state, (float(place[0]), float(place[1]), float(place[2])), stands, ZERO, t, 0.0, towards)
 
-    def carrying_again(self, before: Footing, t: float, place: Array, plane: bool) -> Footing:
-        """Return the footing of one that rested on others, and carries from now on, as it stood or slid before."""
-        return before._replace(state=SLIDING if before.towards[1] else HELD)
-
     def numbers(self, footing: Footing) -> dict[str, float]:
         """Return the parameter of its equations in a phase."""
         return {self.parameter("gap"): footing.gap}
