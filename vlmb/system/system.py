@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
+from vlmb.model.laws import breaks_within
 from vlmb.model.layout import SegmentIndex
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.by_phase import goes_by_phase, numbers_of, programme_at, programmes_of
@@ -208,8 +209,8 @@ class System:
         return frozenset(quantity.link for quantity in read if quantity.kind in ("phi", "psi"))
 
     def breaks(self, start: float, end: float) -> set[float]:
-        """Return the times in (start, end) where a law, an equation or a gain switches. Raises SceneError for too many."""
-        return {*self.forces.breaks(start, end), *(self.constraints.breaks(start, end) if self.constraints else ())}
+        """Return the times in [start, end] where a law, an equation or a gain switches. Raises SceneError for too many."""
+        return set().union(*(breaks_within(made.breaks, start, end) for made in (self.forces, self.constraints) if made))
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
