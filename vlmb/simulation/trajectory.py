@@ -42,7 +42,7 @@ from vlmb.simulation.pressure import centre_of_pressure, contacts_named
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
-from vlmb.system.contacts import HELD, ContactPoint, work_names_of
+from vlmb.system.contacts import HELD, RESTING, ContactPoint, work_names_of
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -278,7 +278,7 @@ class Trajectory(Remade, Displayed):
             heading = self["phi0"]
             sideways = -self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading)
             for stretch in self.stretches if self.mechanism.layout.lifts else ():
-                if stretch.footings[-1].state != HELD:  # nothing holds it in the air, or while it skids
+                if stretch.footings[-1].state not in (HELD, RESTING):  # nothing holds it in the air, or while it skids
                     sideways[stretch.first : stretch.last] = np.nan
             return Residual(None, read_only(sideways))
         position, velocity = self._evaluations["residuals"][name]

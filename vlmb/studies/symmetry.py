@@ -37,7 +37,7 @@ def symmetries(system: System, engine: CoreEngine, origin: Array, values: Array,
 def place_axes(layout: Layout) -> list[int]:
     """Return the axes along which a base moves."""
     if layout.base == "ski":
-        return [0, 1]
+        return [0, 1, 2] if layout.lifts else [0, 1]
     if layout.base == "free":
         return [0, 2] if layout.plane else [0, 1, 2]
     return []
@@ -50,6 +50,8 @@ def turned(arrays: Arrays, y: Numbers, angle: Any, shift: Sequence[float] = (0.0
     if arrays.layout.base == "ski":
         y[:2] = turn[:2, :2] @ y[:2] + np.array(shift[:2])
         y[2] += angle
+        if arrays.layout.lifts:
+            y[3] += shift[2]
     elif arrays.layout.base == "free":
         y[:3] = turn @ y[:3] + np.array(shift)
         y[w : w + 3] = turn @ y[w : w + 3]
