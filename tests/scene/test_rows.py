@@ -51,8 +51,9 @@ def test_a_name_changes_no_number() -> None:
     assert np.array_equal(first.residuals["course"].position, second.residuals[COURSE].position)
 
 
-def test_spaces_around_an_equation_are_no_part_of_its_key(tmp_path: Path) -> None:
-    run = vlmb.simulate(scene(PIVOT, [link("a")], constraints=[" phi1 = 0.3*t "], start={"psi1": 0.4}), duration=0.05)
+@pytest.mark.parametrize("text", [" phi1 = 0.3*t ", "phi1 = 0.3*t\n", "\tphi1 = 0.3*t"])
+def test_spaces_around_an_equation_are_no_part_of_its_key(text: str, tmp_path: Path) -> None:
+    run = vlmb.simulate(scene(PIVOT, [link("a")], constraints=[text], start={"psi1": 0.4}), duration=0.05)
     assert list(run.reactions) == list(run.residuals) == ["phi1 = 0.3*t"]
     assert np.isfinite(run.reactions["phi1 = 0.3*t"]).all()
     assert "phi1 = 0.3*t" in next(csv.reader(run.save_csv(tmp_path / "run.csv").read_text().splitlines()))

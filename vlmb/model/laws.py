@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,8 @@ from vlmb.scene.expressions import Equation, Expression, failure, parse
 from vlmb.scene.names import PHASE_START, kind_of
 
 Array = NDArray[np.float64]
+
+NEAR = 1e-12  # relative: a break this near to an end is there
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,15 @@ def tape_breaks(compiled: CompiledTape, parameters: Array, start: float, end: fl
         span = f"between t = {start:g} and {end:g} s"
         raise SceneError(f"the law {text!r:.200} switches too often {span}; make it smooth, or the run shorter")
     return tuple(times)
+
+
+def breaks_within(find: Callable[[float, float], Iterable[float]], start: float, end: float) -> set[float]:
+    """Return the times in [start, end] that are found between two times; those at an end, up to rounding, as that end."""
+    near = NEAR * max(abs(start), abs(end))
+    if not end - start > 4.0 * near:
+        return set(find(start, end))
+    found = find(start - 2.0 * near, end + 2.0 * near)
+    return {start if t <= start + near else end if t >= end - near else t for t in found}
 
 
 def law_jump(law: Law, t: float) -> tuple[float, float]:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from vlmb.errors import SceneError
+from vlmb.model.laws import breaks_within, law_breaks
 from vlmb.scene.names import PHASE_START
-from vlmb.system.prescribed import LENGTH_JUMP, RATE_JUMP, Prescribed, breaks_of_law, require_inside
+from vlmb.system.prescribed import LENGTH_JUMP, RATE_JUMP, Prescribed, require_inside, require_smooth
 from vlmb.system.system import System
 
 
 def breaks_of(system: System, t0: float, end: float) -> tuple[float, ...]:
-    """Times in (t0, end) at which a law or a row is not smooth; SceneError where a given length jumps, or leaves its limits.
+    """Times in [t0, end] at which a law or a row is not smooth; SceneError where a given length jumps, or leaves its limits.
 
     How long a phase lasts is not known before, and so not where a length by `phase_t` leaves its limits: see `require_going_on`.
     """
     breaks = system.breaks(t0, end)
     for at in system.prescribed:
-        breaks |= breaks_of_law(at, t0, end)
+        found = breaks_within(partial(law_breaks, at.law), t0, end)
+        require_smooth(at, found - {end}, t0)
+        breaks |= found
         if PHASE_START not in at.law.expression.names:
             _require_inside(system, at, t0, end)
     return tuple(sorted(breaks))

@@ -16,6 +16,7 @@ from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.histories import held_along, slopes_along
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.motion import Motion
+from vlmb.system.pace import longest_steps
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ OUTSTANDING = 50.0  # times the spread of the slopes around it
 def doubts_of(system: System, motion: Motion, inputs: Array, energies: Mapping[str, Array]) -> tuple[str, ...]:
     """Return every doubt about the samples of a run: inputs (N, S) are recorded forces from outside, energies (N,) by name."""
     run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
-    found = of_energy(energies, run)
+    found = [*of_energy(energies, run), *of_steps(system, float(motion.t[0]), float(motion.t[-1]))]
     seen = inputs.shape[1] or any(law.names - own for law in system.forces.written)  # laws of time are looked through before
     if seen and not system.points:  # forces of contacts jump
         names = system.forces.inputs or ()
@@ -53,6 +54,21 @@ def of_energy(energies: Mapping[str, Array], run: Run) -> list[str]:
         return []
     share = off / max(kinetic, 1e-300)
     return [f"the energy is off by {off:.2g} J, {share:.1g} of the largest kinetic energy: {remedy(run)}"]
+
+
+def of_steps(system: System, begin: float, end: float) -> list[str]:
+    """Say where fixed steps are longer than what a law does in time takes: they may pass over it."""
+    run, bounds = system.run, np.zeros((0, 3))
+    if end > begin and not find_method(run.method).adaptive:
+        bounds = longest_steps(system.mechanism.scene, begin, end)
+    step = run.step or DEFAULT_STEP
+    if not len(bounds) or step <= bounds[:, 2].min():
+        return []
+    first, _, bound = bounds[int(np.argmin(bounds[:, 2]))]
+    return [
+        f"near t = {first:.6g} s a law varies within {bound:.2g} s, and steps of {step:g} s may pass over that; shorten them, or "
+        "take an adaptive method"
+    ]
 
 
 def of_rows(residuals: Mapping[str, tuple[Array | None, Array]], rates: float, run: Run) -> list[str]:

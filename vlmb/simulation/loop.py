@@ -21,6 +21,7 @@ from vlmb.core.driver import (
     GO_ON,
     HIT,
     NEXT_SAMPLE,
+    NOISY,
     OVER,
     PHASE,
     SIDE,
@@ -30,6 +31,7 @@ from vlmb.core.driver import (
     STOP,
     STOP_TIME,
     STOPPED,
+    STUCK,
     TIME,
     TIME_BEFORE,
     ZERO,
@@ -39,26 +41,25 @@ from vlmb.core.driver import (
     make_driver,
 )  # fmt: skip
 from vlmb.core.locate import Crossing, crossings
-from vlmb.errors import SceneError, SimulationError, SingularError, VlmbError
+from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
+from vlmb.simulation.ends import UNDER, arrive, gap_at, leave, refuse_start
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passage, Passing
 from vlmb.simulation.phases import Turn
 from vlmb.simulation.stuck import why_stuck
+from vlmb.simulation.switches import TOO_MANY, drives_back, earliest, go_beyond
 from vlmb.system import interrupts
 from vlmb.system.events import CONTACT, DEPENDENT, FALL, GRIP, IN_LINE, LINE_UP, NAMED, OPENS, SLIPS, STICKS, SWITCH, TOLD, Event
 
 Array = NDArray[np.float64]
 
 SLICE_SECONDS = 0.03  # of a slice, between two looks at signals
-SAME = 1e-9  # [s] two switches of one law within this time, many times over, drive back to the switch
-TOO_MANY = 40
+CLOSE = 1e-6  # of a run: so near before a break a law that has no value there is what stops it
 SHORTER, SHORTEST = 0.25, 1e-12  # of a step that is begun anew; [s] one that is not
 JUMPS = (OPENS, SLIPS)  # forces jump, motions do not
-UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
-INSIDE = 1e-12  # relative distance kept from a break of a law, so that no law is asked for its other side
 
 
 class Recorded(NamedTuple):
@@ -100,7 +101,7 @@ class Loop:
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
         self.kept = len(times)  # samples, at most
         self.slides_on, self.again = slides_on, False  # whether a contact has a speed at (t, y); whether this step is begun anew
-        self._refuse_start()
+        refuse_start(engine, start, y)
 
     @property
     def steps(self) -> int:
@@ -134,7 +135,7 @@ class Loop:
         """Go to the last sample, or to the end of a phase; return a status and a sentence. What user code raises goes through."""
         try:
             self.engine.settle(self.t, self.driver.point)
-            for end in [*(b for b in self.breaks if b < self.last), self.last]:
+            for end in [*(b for b in self.breaks if self.start < b < self.last), self.last]:
                 if self.t != self.start:
                     self.turns.append(Turn(self.t, "a break of a law"))
                 sentence = self._stretch(end)
@@ -156,8 +157,9 @@ class Loop:
 
     def _stretch(self, end: float) -> str | None:
         """Go to a break, or the end; return a sentence if an event ends the run before."""
-        inside = self.t if self.t in (self.start, end) or not self.breaks else self.t + INSIDE * abs(self.t)
-        until = end if end == self.last else end - INSIDE * abs(end)
+        before, after = (gap_at(t, self.breaks, self.last - self.start) for t in (self.t, end))
+        inside, until = self.t + before, end - after
+        leave(self.engine, self.driver, self.t, before, self.t == self.start)
         begin(self.driver, min(inside, until), until)
         if self.t != self.start and self._is_dependent():  # a break on the way through: the event itself has been
             self.t = min(inside, until)
@@ -174,6 +176,7 @@ class Loop:
             code = self._slice()
             if code == DONE:
                 self.t = end
+                arrive(self.engine, self.driver, end, after)
                 self._tell()
                 return None
             if code == CROSSING:
@@ -189,11 +192,11 @@ class Loop:
                     return sentence
             elif code != SLICE:
                 self._note_time()
-                error = self._failure(code)
-                sentence = self._in_line(error)
-                if sentence is None:
-                    raise error
-                return sentence
+                beyond = go_beyond(self.engine, self.driver, self.t) if code in (STUCK, NOISY) else None
+                self.t = self.t if beyond is None else beyond
+                sentence = self._in_line(self._failure(code, end)) if beyond is None else self._after_stop(until)
+                if sentence is not None:
+                    return sentence
 
     def _lets_go(self) -> bool:
         """Whether what holds a closed contact has jumped below 0 at a break: no step shows it as a crossing."""
@@ -248,22 +251,28 @@ class Loop:
         found = crossings(driver, lambda t, y: self.engine.indicators(t, y)[0])
         driver.indicators[HIT] = 0.0
         driver.counts[ANSWER] = GO_ON
+        stop = next((crossing for crossing in found if self._counts(crossing)), None)
+        if stop is not None:
+            stop = earliest(self.engine, driver, stop)
         for crossing in found:
             event = self.engine.events[crossing.indicator]
-            if event.kind == NAMED and crossing.t <= driver.real[TIME_BEFORE] and not driver.indicators[SIDE, crossing.indicator]:
-                continue  # it began on its 0, and has left it
-            if event.kind == NAMED and not event.sentence:
+            if event.kind == NAMED and not event.sentence and not self._left(crossing) and not (stop and stop.t < crossing.t):
                 self.happened.append((float(crossing.t), TOLD[NAMED], event.name))
-            elif self._counts(crossing):
-                self.again = self._turns(event, crossing.t)
-                driver.indicators[HIT, crossing.indicator] = crossing.direction
-                driver.counts[ANSWER] = STOP
-                driver.real[STOP_TIME] = driver.real[TIME_BEFORE] if self.again else crossing.t
-                return
+        if stop is not None:
+            self.again = self._turns(self.engine.events[stop.indicator], stop.t)
+            driver.indicators[HIT, stop.indicator] = stop.direction
+            driver.counts[ANSWER] = STOP
+            driver.real[STOP_TIME] = driver.real[TIME_BEFORE] if self.again else stop.t
+
+    def _left(self, crossing: Crossing) -> bool:
+        """Whether an event of the scene began on its 0, and has left it."""
+        return bool(crossing.t <= self.driver.real[TIME_BEFORE] and not self.driver.indicators[SIDE, crossing.indicator])
 
     def _counts(self, crossing: Crossing) -> bool:
         """Whether a crossing ends a step: two directions must really line up."""
         event = self.engine.events[crossing.indicator]
+        if event.kind == NAMED:
+            return bool(event.sentence) and not self._left(crossing)
         if event.kind != LINE_UP:
             return True
         y = np.empty_like(self.driver.point)
@@ -287,13 +296,13 @@ class Loop:
         begin(driver, float(driver.real[TIME_BEFORE]), until)
         driver.real[FIRST_STEP_SIZE] = wanted
 
-    def _in_line(self, error: VlmbError) -> str | None:
-        """Return the sentence of a line-up that a step could not get nearer to: the torque beyond it has no axis yet."""
+    def _in_line(self, error: VlmbError) -> str:
+        """Return the sentence of a line-up that a step could not get nearer to: beyond it the torque has no axis; else raise."""
         for event in self.engine.events if isinstance(error, SingularError) else ():
             if event.kind == LINE_UP and self.engine.in_line(event, self.t, self.driver.point) < IN_LINE:
                 self._end_here()
                 return event.sentence
-        return None
+        raise error
 
     def _step_onto(self) -> None:
         """Find the time and the state of an event by a step that ends there; a control is not asked again."""
@@ -308,7 +317,7 @@ class Loop:
             self.happened.append((float(self.t), TOLD[event.kind], event.name))
         if event.kind == SWITCH:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
-            if len(self.switched) <= TOO_MANY or self.switched[-1] - self.switched[0] > SAME * max(1.0, self.t):
+            if not drives_back(self.switched, self.last - self.start):
                 self.turns.append(Turn(self.t, f"the switch {event.name}"))
                 resume(self.driver, self.t, until)
                 return None
@@ -369,8 +378,11 @@ class Loop:
         self.extra = self.t, np.array(self.driver.point)
         self.engine.note(*self.extra)
 
-    def _failure(self, code: int) -> VlmbError:
+    def _failure(self, code: int, end: float) -> VlmbError:
+        """Return why a method could not go on to an end; raises at once what a law without a value there says."""
         error = self.engine.failure(self.driver)
+        if error is None and end in self.breaks and end - self.t < CLOSE * (self.last - self.start):
+            self.engine.evaluate(end, np.array(self.driver.point))
         return SimulationError(why_stuck(code, self.driver, self.method.adaptive)) if error is None else error
 
     def _note_time(self) -> None:
@@ -385,13 +397,3 @@ class Loop:
             self._note_time()
         if self.kept < len(self.driver.times):
             self.t = min(self.t, self.told)
-
-    def _refuse_start(self) -> None:
-        """Raise SceneError for a start with a point under the snow."""
-        watched = [(k, event) for k, event in enumerate(self.engine.events) if event.kind == FALL]
-        heights = self.engine.indicators(self.t, self.driver.point)[0] if watched else ()
-        for k, event in watched:
-            if heights[k] < -UNDER:
-                raise SceneError(
-                    f"start: {event.name} is {-heights[k]:.3g} m under the snow; raise psi (in radians), or set run.fall = false"
-                )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ from vlmb.core.driver import (
     DONE,
     EVALUATIONS,
     FIRST_STEP_SIZE,
+    HIT,
     METHOD,
     METHODS,
     RTOL,
@@ -30,6 +33,7 @@ Array = NDArray[np.float64]
 STEPPED = (LIMIT, FALL, SWITCH, NAMED)  # kinds of events at which all forces have values
 ROUNDS, STEADY = 8, 1e-15  # of the search, and the change of the time, over the step, that ends it
 NEAR = 0.05  # of the step: how far the event may move
+NOISE = 1e3  # times STEADY: the way from which a slope is taken
 SHORT = 1e-4  # of the step: of a difference quotient, and the least that is stepped
 
 
@@ -47,21 +51,29 @@ def step_onto(engine: Engine, driver: Driver, k: int, t: float) -> float:
     slope = _slope(engine, driver, k, t, SHORT * h)
     if slope == 0.0:
         return t
-    at, y = t, np.array(driver.point)
+    at, y, way, beyond = t, np.array(driver.point), float(driver.indicators[HIT, k]), 1.0
+    before, change, least = (t, math.nan), math.inf, STEADY * (h + abs(t))
     try:
         for _ in range(ROUNDS):
             y = _stepped(engine, driver, began, at)
-            value, least = float(engine.indicators(at, y)[0][k]), STEADY * (h + abs(at))
-            change = value / slope
+            value = float(engine.indicators(at, y)[0][k])
+            if abs(at - before[0]) > NOISE * least:  # dense output may have its slope from another law
+                slope = (value - before[1]) / (at - before[0]) or slope
+            before, change = (at, value), value / slope
             if not low <= at - change <= high:
                 return t
             if abs(change) > least:
                 at -= change
             elif value < 0.0 and engine.events[k].ends:  # what ends a run is not passed, not even by rounding
                 at -= 2.0 * least
+            elif engine.events[k].kind == SWITCH and not value * way > 0.0:  # and what switches a law is passed, if by rounding
+                beyond *= 2.0
+                at = min(at + beyond * least, last)
             else:
-                driver.point[:] = y
-                return at
+                break
+        kept = value * way > 0.0 if engine.events[k].kind == SWITCH else value >= 0.0 or not engine.events[k].ends
+        if kept and abs(change) <= NOISE * least:
+            driver.point[:], t = y, before[0]
     except VlmbError:
         return t
     return t

@@ -25,7 +25,7 @@ from vlmb.simulation.robot_trajectory import RobotTrajectory
 from vlmb.system import interrupts
 from vlmb.system.beginning import touching
 from vlmb.system.contacts import HELD, SLIDING, Footing
-from vlmb.system.pace import longest_steps, require_data
+from vlmb.system.pace import longest_steps, require_data, watched
 from vlmb.system.robot_engine import RobotEngine, RobotView, asked
 from vlmb.system.robot_start import robot_start
 from vlmb.system.robot_system import RobotSystem, make_robot_system
@@ -57,7 +57,8 @@ def simulate_robots(
         system = with_engine(system, begin.state)
         engine = RobotEngine(system, begin.state, asked_for)
         y = engine.pack(begin.state)
-        bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
+        end = t0 + run.duration
+        bounds = watched(longest_steps(mechanism.scene, t0, end), mechanism.scene, t0, end, expression is not None)
         began, used = time.perf_counter(), time.thread_time()
         longest = np.inf if control is None else 1.0 / run.samples
         loop: Loop | RobotPhases

@@ -39,7 +39,7 @@ from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.massless import require_held
-from vlmb.system.pace import longest_steps, require_data
+from vlmb.system.pace import longest_steps, require_data, watched
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
@@ -153,7 +153,9 @@ def _simulated(
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
     asked, named, expression = read_until(mechanism, until)
-    system = dataclasses.replace(make_system(mechanism, run), until=expression, ends_at=named)
+    system = make_system(mechanism, run)
+    if expression is not None or named:
+        system = dataclasses.replace(system, until=expression, ends_at=named)
     return run_system(system, times, control, start, t0, progress, watch, asked)
 
 
@@ -175,7 +177,8 @@ def run_system(
         y = mover.pack(begin.state)
         said = jumps(start, begin) if isinstance(start, End) else []
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
-        bounds = longest_steps(mechanism.scene, t0, t0 + run.duration)
+        end = t0 + run.duration
+        bounds = watched(longest_steps(mechanism.scene, t0, end), mechanism.scene, t0, end, system.until is not None)
         began, used = time.perf_counter(), time.thread_time()
 
         def hand(t: Array, states: Array) -> None:

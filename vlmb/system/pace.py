@@ -48,6 +48,17 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     return np.ascontiguousarray(found)
 
 
+def watched(bounds: Array, scene: Scene, begin: float, end: float, asked: bool) -> Array:
+    """Return longest steps no longer than a sample where events of the scene, or the end that is `asked` for, are looked for.
+
+    They may come and go in the motion within a step, and do not make a method shorten it.
+    """
+    if not (scene.events or asked):
+        return bounds
+    found = bounds if len(bounds) else np.array([[begin, end, np.inf]])
+    return np.column_stack([found[:, :2], np.minimum(found[:, 2], 1.0 / scene.run.samples)])
+
+
 def require_data(scene: Scene, begin: float, end: float, what: str = "the run") -> None:
     """Raise SceneError where measured data that a scene always reads do not reach over a time [s]; `where` may pass some by."""
     signals = signals_of(scene)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from vlmb.errors import SceneError
-from vlmb.model.laws import Law, law_breaks, law_jump, time_law
+from vlmb.model.laws import Law, law_jump, time_law
 from vlmb.model.layout import segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.by_phase import numbers_of
 
-LENGTH_JUMP, RATE_JUMP = 1e-7, 1e-4  # [m, m/s] that count as none
+LENGTH_JUMP, RATE_JUMP = 1e-7, 1e-4  # [m, m/s] that are too much, whatever they are
+CLOSE = 1e-9  # [s] from where sides are continued, beside those of `law_jump`
+ROUNDED = 1e-9  # of a length, or a rate [1/s]: a jump that is none
 
 
 class Prescribed(NamedTuple):
@@ -25,18 +29,35 @@ class Prescribed(NamedTuple):
     law: Law
 
 
-def breaks_of_law(at: Prescribed, start: float, end: float) -> set[float]:
-    """Return the times in (start, end) at which a given length is not smooth. Raises SceneError where it, or its rate, jumps."""
-    found = set[float]()
-    for t in law_breaks(at.law, start, end):
-        value, rate = law_jump(at.law, t)
-        if abs(value) > LENGTH_JUMP or abs(rate) > RATE_JUMP:
+def require_smooth(at: Prescribed, breaks: Iterable[float], start: float) -> None:
+    """Raise SceneError where a given length, or its rate, jumps at a break [s]; at the start a rate may begin at once."""
+    for t in breaks:
+        value, rate = _jump(at.law, t, t == start)
+        rate = 0.0 if t == start else rate
+        if value or rate:
             raise SceneError(
                 f"{at.name}: the law {at.law.text!r} is not smooth enough at t = {t:.6g} s (length jumps by {value:.3g} m, "
                 f"its rate by {rate:.3g} m/s): a prescribed length needs a continuous rate"
             )
-        found.add(t)
-    return found
+
+
+def _jump(law: Law, t: float, starts: bool) -> tuple[float, float]:
+    """Return by how much a length [m] and its rate [m/s] jump at a time; 0 where it is rounding or fades nearby."""
+    near = max(CLOSE, 64.0 * math.ulp(t))
+    before, after = _continued(law, t, 0.0 if starts else -near), _continued(law, t, near)
+    length, found = max(abs(before[0]), abs(after[0])), []
+    for one, other, wide, most in zip(before, after, law_jump(law, t), (LENGTH_JUMP, RATE_JUMP), strict=True):
+        close = other - one
+        stays = abs(close) > ROUNDED * max(length, abs(one), abs(other)) and (starts or abs(close) > 0.5 * abs(wide))
+        found.append(wide if abs(wide) > most and not starts else close if stays else 0.0)
+    return found[0], found[1]
+
+
+def _continued(law: Law, t: float, way: float) -> tuple[float, float]:
+    """Return a law's value and rate at t, continued from a way [s] off."""
+    value, rate, second = law.jet(t + way)
+    back = (t + way) - t
+    return value - back * (rate - 0.5 * back * second), rate - back * second
 
 
 def require_inside(at: Prescribed, bounds: tuple[float, float], begin: float, end: float) -> None:

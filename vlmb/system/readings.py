@@ -89,16 +89,23 @@ def no_azimuth(layout: Layout, i: int) -> SingularError:
 
 
 def beside_pole(mechanism: Mechanism, coordinates: Mapping[str, float]) -> str:
-    """Say which links stand next to the pole while the scene reads or moves their azimuths; "" where none does."""
+    """Say which links stand next to the pole while the scene goes by azimuths, or rows by elevations; "" where none does."""
     scene, found = mechanism.scene, []
     rows = [text for _, programme in programmes_of(scene) for text in (*programme.constraints, *programme.controls)]
-    said = " ".join([*map(str, scene.forces), *scene.constraints, *rows])
+    written = " ".join([*scene.constraints, *rows])
+    said = " ".join([*map(str, scene.forces), written])
     for i, link in enumerate(mechanism.layout.links):
-        named = re.search(rf"\b(M_)?phi{i + 1}(_dot)?\b|\b{link.name}\.azimuth", said)
-        if named and abs(math.cos(coordinates.get(f"psi{i + 1}", 0.0))) < NEXT_TO_POLE:
+        if mechanism.layout.plane or abs(math.cos(coordinates.get(f"psi{i + 1}", 0.0))) >= NEXT_TO_POLE:
+            continue
+        if named := re.search(rf"\b(M_)?phi{i + 1}(_dot)?\b|\b{link.name}\.azimuth", said):
             found.append(
                 f". Link {link.name!r} stands next to the pole, where what goes by {named[0]} grows without bound: use a hinge "
                 f"torque T_{link.name}, or {link.name}.direction.x and .y"
+            )
+        elif named := re.search(rf"\bpsi{i + 1}\b|\b{link.name}\.elevation\b", written):
+            found.append(
+                f". Link {link.name!r} stands next to the pole, where {named[0]} has no rate in most directions: let equations "
+                f"name {link.name}.direction.x and .y, or set plane = true"
             )
     return "".join(found)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple, cast
 
 import msgspec
@@ -17,7 +17,7 @@ from vlmb.core.bodies import move
 from vlmb.core.packed import FORM, MEASURED, RESIDUAL, Packed, pack, tape_parts
 from vlmb.core.readings import TRACE, Readings
 from vlmb.errors import SceneError
-from vlmb.model.laws import parameter_values, prepared, tape_breaks
+from vlmb.model.laws import breaks_within, law_breaks, parameter_values, prepared, tape_breaks
 from vlmb.model.names import AXES
 from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.model.robot_names import RobotForce
@@ -33,7 +33,7 @@ from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, always, c
 from vlmb.system.core_rows import gain_table
 from vlmb.system.events import Event, events_of
 from vlmb.system.gains import MovingGains, require_decay
-from vlmb.system.prescribed import Prescribed, breaks_of_law, require_inside
+from vlmb.system.prescribed import Prescribed, require_inside, require_smooth
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
 from vlmb.system.robot_forces import DRAG, Elastic, Quantities, Segments, drives_of, laws_of, row_of, segments_of, ties_of
@@ -146,13 +146,17 @@ class RobotSystem:
         return int(self.mechanism.model.nq + self.mechanism.model.nv) + len(self.work_names)
 
     def breaks(self, start: float, end: float) -> tuple[float, ...]:
-        """Return the times in (start, end) where a law or a row switches. Raises SceneError for too many."""
+        """Return the times in [start, end] where a law or a row switches. Raises SceneError for too many."""
         texts = ", ".join(row.text for row in self.compiled.rows)
-        found = {*tape_breaks(self.compiled, self.parameters, start, end, texts)} if self.compiled.rows else set[float]()
+        found = set[float]()
+        if self.compiled.rows:
+            found = breaks_within(lambda low, high: tape_breaks(self.compiled, self.parameters, low, high, texts), start, end)
         names, links = {drive.name: drive for drive in self.drives}, self.mechanism.scene.links
         for name, drive in names.items():
             number, which = map(int, name.removeprefix("xi").split("_"))
-            found |= breaks_of_law(drive, start, end)
+            its = breaks_within(partial(law_breaks, drive.law), start, end)
+            require_smooth(drive, its - {end}, start)
+            found |= its
             require_inside(drive, links[number - 1].segment(which).bounds, start, end)
         return tuple(sorted(found))
 
