@@ -15,7 +15,7 @@ from vlmb.model.mechanism import build
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
-from vlmb.studies.modes import SIZE, Mode, mode_about
+from vlmb.studies.modes import GROWS, SIZE, Mode, mode_about
 from vlmb.studies.standing import footings_of
 from vlmb.studies.steady import Steady, refuse_time
 from vlmb.system.beginning import start_in_phase
@@ -25,7 +25,6 @@ from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
-GROWS = 1e-8  # of the largest eigenvalue: a growth that is some
 FLAT = 1e-9  # singular values over the largest that are none
 STEPS, LOOSE = (1e-5, 1e-6), 1e-5  # in units of a coordinate; relative difference at which derivatives are refused
 ALIKE = 9  # decimals of the largest eigenvalue, to which two are told apart
