@@ -13,7 +13,7 @@ import pytest
 
 import vlmb
 from tests.small_scenes import FIXED, FLYING, PIVOT, SKI, link, scene
-from vlmb.system.system import Workspace
+from vlmb.system.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 UNASKED = (

@@ -48,10 +48,29 @@ def test_one_of_several_processes_compiles(script: Path, tmp_path: Path) -> None
     texts = [process.communicate() for process in processes]
     assert [process.returncode for process in processes] == [0, 0, 0], texts
     assert sorted(out.strip() for out, _ in texts) == ["0", "1", "1"]
-    assert sorted(error.strip() for _, error in texts) == ["", "", cache.ANNOUNCEMENT]
+    told = [error.replace(f"{cache.WAITING}\n", "").strip() for _, error in texts]
+    assert sorted(told) == ["", "", cache.ANNOUNCEMENT]
     (kept,) = (tmp_path / "home" / "vlmb").iterdir()
     assert kept.name == f"core-{cache.fingerprint()}"
     assert kept.stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds" or sys.platform == "win32", reason="nothing is kept")
+def test_what_is_kept_waits_for_nobody_and_the_rest_says_so(script: Path, tmp_path: Path) -> None:
+    import fcntl
+
+    home = tmp_path / "home"
+    start(script, home).communicate()
+    (kept,) = (home / "vlmb").iterdir()
+    other = tmp_path / "other.py"
+    other.write_text(SCRIPT.replace("twice", "thrice").replace("2.0 * x", "3.0 * x").replace("6.0", "9.0"), encoding="utf-8")
+    with (kept / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert start(script, home).communicate(timeout=60.0) == ("1\n", "")
+        waits = start(other, home)
+        assert waits.stderr is not None and waits.stderr.readline().strip() == cache.WAITING
+        assert waits.poll() is None
+    assert waits.communicate(timeout=60.0) == ("0\n", "")
 
 
 @pytest.mark.parametrize("mode", ["0", "bounds"])

@@ -16,7 +16,8 @@ from tests.system.test_engines import in_the_core
 from vlmb.core.row_arrays import parts, sizes_of
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
-from vlmb.system.system import System, Workspace, make_system
+from vlmb.system.system import System, make_system
+from vlmb.system.workspace import Workspace
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 FORMS = ("reduction", "multiplier", "projection")

@@ -20,7 +20,8 @@ from tests.small_scenes import ANY_LENGTH, FIXED, PIVOT, SKI, TIGHT, link, scene
 from vlmb.simulation.checking import check
 from vlmb.system.gains import gain_matrices, largest_stable_step, perturbation_matrix
 from vlmb.system.programme import ProgrammeControl, cross
-from vlmb.system.system import Workspace, make_system
+from vlmb.system.system import make_system
+from vlmb.system.workspace import Workspace
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Table = dict[str, Any]

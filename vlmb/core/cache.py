@@ -25,6 +25,7 @@ SOURCES = Path(__file__).parent
 FOLDERS_KEPT = 4
 RECENTLY = 14 * 24 * 3600.0  # [s] folders used since are kept, however many there are
 ANNOUNCEMENT = "vlmb: compiling the engine, once on this machine, a minute or two"
+WAITING = "vlmb: waiting for another process that is compiling the engine"
 
 
 def fingerprint() -> str:
@@ -141,7 +142,11 @@ def _locked(place: Path) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):  # file systems without locks
             lock = stack.enter_context((place / "lock").open("w"))
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                print(WAITING, file=sys.stderr, flush=True)
+                fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
@@ -158,11 +163,17 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
         dispatcher = numba.njit(cache=True, **options)(function)
     finally:
         settings.CACHE_DIR = before
-    compile_alone = dispatcher.compile
+    compile_or_load = dispatcher.compile
 
     def compile_once(signature: Any) -> Any:
-        with alone(place):
-            return compile_alone(signature)
+        with contextlib.nullcontext() if is_kept(dispatcher, signature) else alone(place):
+            return compile_or_load(signature)
 
     dispatcher.compile = compile_once
     return cast(Function, dispatcher)
+
+
+def is_kept(dispatcher: Any, signature: Any) -> bool:
+    """Say whether a kernel is on the disk already: it is then loaded without waiting for a process that compiles others."""
+    kept = dispatcher._cache
+    return kept._index_key(signature, dispatcher.targetctx.codegen()) in kept._cache_file._load_index()

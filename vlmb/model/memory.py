@@ -11,6 +11,8 @@ import pinocchio as pin
 
 from vlmb.errors import VlmbError
 
+SMALL = 2**20  # [bytes] what is always there: to look for it takes longer than to make it
+
 
 def make_data(model: Any) -> Any:
     """Make a pinocchio.Data for a generated model: scratch space of whoever computes, one thread at a time.
@@ -31,12 +33,16 @@ def data_bytes(nv: int) -> int:
 
 def fits(nv: int) -> bool:
     """Whether a pinocchio.Data of nv velocities is worth its memory for a look beside the run: 1 GiB at most, if it is free."""
+    if data_bytes(nv) < SMALL:
+        return True
     available = _available_memory()
     return data_bytes(nv) < min(2**30, 0.8 * available if available else math.inf)
 
 
 def refuse_what_does_not_fit(nv: int) -> None:
     """Raise VlmbError where a pinocchio.Data of nv velocities is larger than the memory that is free."""
+    if data_bytes(nv) < SMALL:
+        return
     available = _available_memory()
     if available and data_bytes(nv) > 0.8 * available:
         raise VlmbError(

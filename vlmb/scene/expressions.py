@@ -75,6 +75,16 @@ def parse(text: str | float, key: str = "expression", allowed: Collection[str] |
             raise failure(key, "number", "too large or not finite", "a finite number is needed")
         return Expression(repr(float(text)), frozenset(), key, ("number", float(text)))
     text = _checked_text(text, key)
+    return _remembered(text, key) if allowed is None else _read(text, key, allowed)
+
+
+@functools.lru_cache(maxsize=1024)
+def _remembered(text: str, key: str) -> Expression:
+    """Read text whose names may be any: a run asks for the same ones several times, and the next run again."""
+    return _read(text, key, None)
+
+
+def _read(text: str, key: str, allowed: Collection[str] | None) -> Expression:
     try:
         tree = _build(_syntax(text, key), text, key, allowed)
         depth = walk(tree, lambda _: 0, lambda _: 0, lambda _, parts: 1 + max(parts))

@@ -24,7 +24,8 @@ from vlmb.system.massless import SINGULAR
 from vlmb.system.pace import longest_steps, require_data
 from vlmb.system.point_forces import told
 from vlmb.system.start import Start
-from vlmb.system.system import System, Workspace, make_system
+from vlmb.system.system import System, make_system
+from vlmb.system.workspace import Workspace
 
 if TYPE_CHECKING:
     from vlmb.model.robot_mechanism import RobotMechanism

@@ -116,12 +116,8 @@ def held_along(system: System, motion: Motion) -> dict[str, tuple[Array | None, 
     if system.constraints is None or not ideal:
         return found
     (q, v), values, frames = motion.pinocchio, motion.coordinates[0], LinkFrames(system.mechanism)
-    looks = np.linspace(0.0, len(motion.t) - 1.0, min(len(motion.t), LOOKS)).round().astype(int).tolist()
-    errors = np.empty((2, len(looks), len(ideal)))
-    for k, i in enumerate(looks):
-        frames.update(q[i])
-        rows = system.constraints.evaluate(frames, float(motion.t[i]), q[i], v[i], values[i], range(len(ideal)))
-        errors[:, k] = rows.z, rows.rate
+    at = np.linspace(0.0, len(motion.t) - 1.0, min(len(motion.t), LOOKS)).round().astype(int)
+    errors = system.constraints.errors(frames, motion.t[at], q[at], v[at], values[at], len(ideal))
     for k, row in enumerate(ideal):
         found[row.name] = errors[0, :, k] if system.info[k].holonomic else None, errors[1, :, k]
     return found

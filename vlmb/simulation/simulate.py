@@ -153,7 +153,9 @@ def _simulated(
         mechanism = begun_at(mechanism, start)
     require_data(mechanism.scene, t0, float(times[-1]))
     asked, named, expression = read_until(mechanism, until)
-    system = dataclasses.replace(make_system(mechanism, run), until=expression, ends_at=named)
+    system = make_system(mechanism, run)
+    if expression is not None or named:
+        system = dataclasses.replace(system, until=expression, ends_at=named)
     return run_system(system, times, control, start, t0, progress, watch, asked)
 
 

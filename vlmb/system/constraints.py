@@ -115,6 +115,18 @@ class ConstraintSet:
         z, rate, drift = out[:, chosen]
         return RowValues(z, rate, jacobian[chosen], drift)
 
+    def errors(self, frames: LinkFrames, t: Array, q: Array, v: Array, branch: Array, count: int) -> Array:
+        """Return z and z' (2, N, count) of the first rows at many samples; nan where a row has no value there."""
+        buffers, known = self.readings.buffers(), np.zeros(self.nv, np.int64)
+        out, matrix = np.empty((3, len(self.roots))), np.empty((1, self.pushed + self.count, self.nv))
+        found = np.empty((2, len(t), count))
+        for i, time in enumerate(t.tolist()):
+            frames.update(q[i])
+            here = q[i], v[i], frames.turning, branch[i]
+            rows_of_joints(self.readings.integers, buffers, time, *here, known, self.pushed, out, matrix)
+            found[:, i] = out[:2, :count]
+        return found
+
     def breaks(self, start: float, end: float) -> tuple[float, ...]:
         """Return the times in (start, end) where an equation switches in time. Raises SceneError for too many."""
         return tape_breaks(self.readings.compiled, self.readings.parameters, start, end, ", ".join(self.texts))
