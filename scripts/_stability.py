@@ -1,4 +1,4 @@
-"""Draw the figures of docs/stability.md: the map of stable running, the map of steady turns, and two modes of a turn."""
+"""Draw the figures of docs/stability.md: the map of stable running, of steady turns, modes of a turn and its eigenvalues."""
 
 from __future__ import annotations
 
@@ -129,13 +129,22 @@ def draw_modes(file: Path) -> None:
     print(f"wrote {file}")
 
 
+def draw_eigenvalues(file: Path) -> None:
+    """Draw how the eigenvalues of a turn of 15 m move with its speed: a skier of two links with boots."""
+    speeds = np.linspace(3.0, 16.0, 79)
+    found = [vlmb.linearize(turn("skier_two_links", "boots", speed, 15.0)) for speed in speeds]
+    vlmb.plots.eigenvalues(found, speeds.tolist(), "speed [m/s]").savefig(file, dpi=100)
+    print(f"wrote {file}")
+
+
 def main() -> None:
     """Compute and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=IMAGES)
-    parser.add_argument("--only", choices=("straight", "turns", "modes"))
+    parser.add_argument("--only", choices=("straight", "turns", "modes", "eigenvalues"))
     args = parser.parse_args()
-    for name, draw in (("straight", draw_straight), ("turns", draw_turns), ("modes", draw_modes)):
+    drawn = {"straight": draw_straight, "turns": draw_turns, "modes": draw_modes, "eigenvalues": draw_eigenvalues}
+    for name, draw in drawn.items():
         if args.only in (None, name):
             draw(args.folder / {"straight": "stability.png"}.get(name, f"stability_{name}.png"))
 

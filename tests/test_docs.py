@@ -32,6 +32,11 @@ LANGUAGES = {"python", "toml", "console", "sh", "text", ""}
 HERE = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "NO_MKDOCS_2_WARNING": "1"}
 
 
+def test_no_page_holds_what_a_merge_left() -> None:
+    for page in [*PAGES, ROOT / "README.md", ROOT / "CHANGELOG.md"]:
+        assert not re.search(r"^(<{7}|={7}|>{7})( |$)", page.read_text(encoding="utf-8"), re.MULTILINE), page
+
+
 class Found(html.parser.HTMLParser):
     """What a page of the site holds: anchors, links, loaded files, pictures without a text."""
 

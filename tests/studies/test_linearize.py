@@ -11,7 +11,10 @@ import pytest
 
 import vlmb
 from vlmb.errors import SceneError, StudyError
+from vlmb.studies.chart import chart_at
 from vlmb.studies.derivatives import jacobian
+from vlmb.studies.symmetry import turned
+from vlmb.system.system import make_system
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 G = 9.81
@@ -38,6 +41,13 @@ def test_conical_pendulum(psi: float) -> None:
     assert np.abs(linear.eigenvalues.real).max() < 1e-10 and sorted(linear.labels) == ["", "", "family"]
     assert linear.stability == "neutral"
     np.testing.assert_allclose(linear.B, [[0.0], [0.0], [1.0 / INERTIA]], rtol=1e-12, atol=1e-14)
+
+
+def test_a_state_has_the_same_numbers_however_far_it_has_turned() -> None:
+    chart = chart_at(make_system(vlmb.build(pendulum())))
+    for angle in (1.0, 2.2, 3.1, -2.2, 7.0):
+        found = chart.numbers(turned(chart.arrays, chart.origin, angle))
+        np.testing.assert_allclose(found, [-1.0, 4.0, 0.0], atol=1e-14)
 
 
 def test_hanging_and_standing_have_no_azimuth() -> None:

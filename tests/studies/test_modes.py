@@ -62,7 +62,9 @@ def test_the_command_writes_a_page_and_a_still(tmp_path: Path, capsys: pytest.Ca
     page, still = tmp_path / "mode.html", tmp_path / "mode.png"
     command = ["steady", str(MODELS / "spring_pendulum_cone.toml"), "--hold", "psi1=-1.1"]
     assert main([*command, "--html", str(page)]) == 1 and "--mode K" in capsys.readouterr().err
-    assert main([*command, "--mode", "0", "--html", str(page), "--png", str(still)]) == 0
-    assert "wrote" in capsys.readouterr().out and still.stat().st_size > 1000
+    assert main([*command, "--dark"]) == 1 and "--plot FILE" in capsys.readouterr().err
+    figure = tmp_path / "eigenvalues.png"
+    assert main([*command, "--mode", "0", "--html", str(page), "--png", str(still), "--plot", str(figure), "--dark"]) == 0
+    assert capsys.readouterr().out.count("wrote") == 2 and min(still.stat().st_size, figure.stat().st_size) > 1000
     text = page.read_text(encoding="utf-8")
     assert "spring pendulum" in text and ", mode 0: " in text and "http" not in text.split("<script", 1)[0]

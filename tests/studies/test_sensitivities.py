@@ -115,12 +115,14 @@ def test_multipliers_of_a_pendulum_whose_length_moves_are_those_of_hill() -> Non
     np.testing.assert_allclose(np.sort_complex(orbit.multipliers), np.sort_complex(exact.astype(complex)), atol=1e-8)
     with pytest.raises(SceneError, match="others a period later"):
         vlmb.periodic(scene, 0.9)
+    with pytest.raises(SceneError, match="give a multiple of the period"):
+        vlmb.periodic(scene)
 
 
 def test_a_swing_of_unknown_period_is_found() -> None:
     link = {"name": "rod", "rod": {"length": 0.8, "mass": 2.0}}
     scene = vlmb.Scene.from_dict({"base": {"kind": "pivot"}, "plane": True, "links": [link], "start": {"psi1": -0.7}})
-    orbit = vlmb.periodic(scene, 1.6)
+    orbit = vlmb.periodic(scene)
     from scipy.special import ellipk
 
     angle = orbit.coordinates["psi1"] + math.pi / 2
@@ -130,3 +132,5 @@ def test_a_swing_of_unknown_period_is_found() -> None:
     assert orbit.period == pytest.approx(exact, rel=1e-9)
     np.testing.assert_allclose(orbit.multipliers, [1.0], atol=1e-5)  # of a swing that is a little larger: a defective 1
     assert orbit.trajectory["psi1"][-1] == pytest.approx(orbit.coordinates["psi1"], abs=1e-9)
+    with pytest.raises(StudyError, match=r"rests; give a guess"):
+        vlmb.periodic(scene.changed(start={"psi1": -math.pi / 2}))

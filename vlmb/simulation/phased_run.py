@@ -20,6 +20,7 @@ from vlmb.simulation.leg_steps import NEAR, LegSteps
 from vlmb.simulation.loop import Loop, Recorded
 from vlmb.simulation.motion import Motion
 from vlmb.simulation.phases import Event, Stretch, Turn
+from vlmb.simulation.resting import Strikes
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
@@ -57,6 +58,7 @@ class PhasedRun(LegSteps):
         self.now: System | None = None  # of the phase under way
         self.switched: list[tuple[float, str]] = []  # the last events of contacts, told or not
         self.begun: tuple[Engine, Loop, tuple[Footing, ...]] | None = None  # the phase under way
+        self.strikes = Strikes()
         self.begins = self._at_start()
 
     def failed_by(self, error: BaseException) -> str:
@@ -238,7 +240,8 @@ class PhasedRun(LegSteps):
         self.switched = [*self.switched[1 - MANY :], (self.t, self.points[c].name)]
         if len(self.switched) == MANY and self.t - self.switched[0][0] <= SPAN:
             names = listed(sorted({name for _, name in self.switched}))
-            why = "they would never end; a restitution of 0 ends them"
+            gives = any(self.points[k].contact.restitution for k in self.strikes.last)
+            why = f"they would never end{'; a restitution of 0 ends them' if gives else ''}"
             return Outcome(footings, self.y, None, f"{MANY} events of contacts within {SPAN} s ({names}): {why}")
         if hit.name == REARMS:
             return Outcome(_with(footings, c, footings[c]._replace(state=OPEN)), self.y)

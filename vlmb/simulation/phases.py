@@ -37,6 +37,7 @@ class Event(NamedTuple):
     lost : [J] by the impact
     modes : what each contact does from now on: open, held or sliding
     several : whether other modes were admissible too and moved otherwise; these are the most sticking ones
+    early : [s] at most, before the end of impacts of which every cycle is a share of the one before: contacts rest from here on
     """
 
     t: float
@@ -47,9 +48,10 @@ class Event(NamedTuple):
     lost: float = 0.0
     modes: Mapping[str, str] = MappingProxyType({})
     several: bool = False
+    early: float = 0.0
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _event, (*self[:4], dict(self.impulses), self.lost, dict(self.modes), self.several)
+        return _event, (*self[:4], dict(self.impulses), self.lost, dict(self.modes), self.several, self.early)
 
 
 def _event(*values: Any) -> Event:

@@ -27,7 +27,7 @@ def phases_as_data(stretches: Sequence[Stretch], events: Sequence[Event]) -> dic
         found["events"] = [
             [
                 e.t, e.kind, e.name, list(e.contacts), {n: p.tolist() for n, p in e.impulses.items()}, e.lost, dict(e.modes),
-                e.several,
+                e.several, *([e.early] if e.early else []),
             ]
             for e in events
         ]
@@ -61,7 +61,8 @@ def _footing(entry: Sequence[Any]) -> Footing:
 
 
 def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:
-    t, kind, name, contacts, impulses, lost, modes, *several = entry  # older files do not say the last
+    t, kind, name, contacts, impulses, lost, modes, *others = entry  # older files say nothing of the last two
+    several, early = others[:1] == [True], others[1] if len(others) > 1 else 0.0
     known = {name, *contacts, *impulses, *modes}
     if kind not in KINDS or not isinstance(name, str) or has_controls(name) or not known - {name} <= {*names}:
         raise ValueError(f"event {kind!r:.40} of {name!r:.40}")
@@ -69,7 +70,8 @@ def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:
         raise ValueError("modes of an event")
     pushed = {n: read_only(np.array(_vector(p))) for n, p in impulses.items()}
     shown = MappingProxyType(dict(modes))
-    return Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), shown, several == [True])
+    made = Event(_number(t), kind, name, tuple(contacts), MappingProxyType(pushed), _number(lost), shown)
+    return made._replace(several=several, early=_number(early))
 
 
 def _vector(values: Sequence[Any]) -> tuple[float, float, float]:

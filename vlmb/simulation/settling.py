@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from vlmb.model.frozen import read_only
 from vlmb.scene.by_phase import acting, goes_by_phase
 from vlmb.scene.names import listed
-from vlmb.simulation.contact_view import ContactView
 from vlmb.simulation.phases import Event
-from vlmb.system.cone import GENTLE, Answer, Contact, Refusal, impact, modes
+from vlmb.simulation.resting import Resting, Strikes, ends_now
+from vlmb.system.cone import Answer, Contact, Refusal, impact, modes
 from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 
 AGREE = 4  # tries to find what is closed under what acts then
 FEW = 6  # contacts of which every set is looked at
-QUIET = 1e-7  # [m/s] a speed that counts as none where no contact is faster than GENTLE: feet that rattle come to rest together
 GAIN = 1e-9  # of the kinetic energy: what an impact may not add
 
 
@@ -55,10 +54,11 @@ def told_state(footing: Footing) -> str:
     return HELD if footing.state == RESTING else footing.state
 
 
-class Settling(ContactView):
+class Settling(Resting):
     """Finds what follows."""
 
     several = False  # whether other modes were admissible at the last event
+    strikes: Strikes
 
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
@@ -77,9 +77,11 @@ class Settling(ContactView):
         strikes = [
             k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
         ]
-        gentle = all(abs(approach[k][-1]) < GENTLE for k in near)
-        still = QUIET if gentle else STILL
-        taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= still]
+        fast = max((abs(float(approach[k][-1])) for k in near), default=0.0)
+        self.strikes.note(self.t, {k: -float(approach[k][-1]) for k in strikes})
+        left = self.strikes.left(strikes)
+        ends = ends_now(left, fast)
+        taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= (fast if ends else STILL)]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
             struck, impact_told, refusal = self._impact(found, taking, frames, approach)
@@ -90,14 +92,22 @@ class Settling(ContactView):
             approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         if hit is not None and hit.name in (OPENS, SLIPS) and not strikes:
             light = {*opening} if hit.name == OPENS else {hit.which}
-            shared, left = self._carried_by_others(y, footings, taking, frames, light)
+            shared, others = self._carried_by_others(y, footings, taking, frames, light)
             if shared is not None:
                 return Outcome(shared, y)
-            opening = {*opening, *left} if hit.name == OPENS else opening
-        resting = [k for k in taking if approach[k][-1] <= still and k not in opening]
-        states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
+            opening = {*opening, *others} if hit.name == OPENS else opening
+        fast = max((abs(float(approach[k][-1])) for k in near), default=0.0)
+        for still in (fast, STILL) if ends and ends_now(left, fast) else (STILL,):
+            resting = [k for k in taking if approach[k][-1] <= still and k not in opening]
+            states, ways, refusal = self._modes(y, resting, frames, approach, leaving)
+            leaves = [k for k in resting if approach[k][-1] > STILL]
+            if not refusal and all(states[k] in CLOSED for k in leaves):
+                break
         if refusal:
             return Outcome(footings, self.y, None, refusal)
+        if hit is not None:
+            y, stops, lost = self._stopped(y, found, frames, states, ways)
+            told = self._with_stops(told, stops, lost, left) if leaves else told
         after = list(footings)
         for k in near:
             at, point = footings[k], self.points[k]
@@ -113,6 +123,15 @@ class Settling(ContactView):
         event, happened = self._event(hit, before, after, strikes, told), self._happened(hit, before, after, strikes)
         shared, _ = self._carried_by_others(y, tuple(after), resting, frames, set())
         return Outcome(shared or tuple(after), y, event, "", happened)
+
+    def _with_stops(self, told: Mapping[str, Any], stops: Array, lost: float, left: float) -> dict[str, Any]:
+        """Return what is told of an impact that is the last one taken of those that would end in a time [s]."""
+        impulses = dict(told.get("impulses", {}))
+        for k, point in enumerate(self.points):
+            more = stops[3 * k : 3 * k + 3]
+            if np.any(more):
+                impulses[point.name] = read_only(impulses.get(point.name, np.zeros(3)) + more)
+        return {"impulses": MappingProxyType(impulses), "lost": told.get("lost", 0.0) + lost, "early": left}
 
     def _carried_by_others(
         self, y: Array, footings: tuple[Footing, ...], among: Sequence[int], frames: Mapping[int, Array], light: Collection[int]
@@ -208,8 +227,7 @@ class Settling(ContactView):
         jammed = self._jammed(answer, taking)
         if jammed:
             return self.y, {}, jammed
-        p = turn.T @ answer.p
-        lost = float(-0.5 * answer.p @ (answer.v + v))
+        y, lost = self._pushed(self.y, found, taking, frames, answer.p, v, answer.v)
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
         if lost < -GAIN * scale:
             names = listed([self.points[k].name for k in taking])
@@ -218,15 +236,7 @@ class Settling(ContactView):
                 "paradox); take a smaller restitution, or less friction"
             )
             return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
-        y = np.array(self.y)
-        y[len(y) - len(found.moved) :] += found.moved @ p
-        works, first = self.system.work_names, len(y) - self.works
-        y[first + works.index("impacts")] -= lost
-        for k in taking:
-            if self.points[k].moving:
-                force, jet = p[3 * k : 3 * k + 3], found.jets[k]
-                carried = jet[:3, 1] - frames[k].T @ before[k]
-                y[first + works.index(self.points[k].carried)] += float(force @ carried)
+        p = turn.T @ answer.p
         named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
         return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
 

@@ -138,6 +138,10 @@ def told_contacts(trajectory: Told) -> list[str]:
     if times:
         when = ", ".join(times[:SHOWN]) + (f", ... ({len(times)})" if len(times) > SHOWN else "")
         lines.append(f"  note             other modes of contacts were admissible, and the most sticking ones taken, at {when}")
+    ended = [f"{event.t:.6g} s (at most {event.early:.1g} s before)" for event in events if event.early]
+    if ended:
+        when = ", ".join(ended[:SHOWN]) + (f", ... ({len(ended)})" if len(ended) > SHOWN else "")
+        lines.append(f"  note             contacts rest where endless ever smaller impacts would have ended, at {when}")
     works = trajectory.work_by_force.items()
     taken = {what: work[-1] for what, work in works if what == "impacts" or what.startswith("friction ")}
     if trajectory.scene.closing or stops:

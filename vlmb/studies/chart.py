@@ -3,25 +3,33 @@
 A link is described by azimuth and elevation; near the pole by the horizontal components of its direction. The place is left out
 where nothing depends on it, and the heading (of a pivot or a free base: the azimuth of one link) as well: azimuths and directions
 are then counted from it. Whether they may be is tried on the equations themselves.
+
+Numbers may be of any arithmetic: of jets the equations have their derivatives (vlmb/system/jets.py, replay.py).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core import tree as columns
-from vlmb.errors import StudyError
+from vlmb.core.row_arrays import sizes_of
+from vlmb.core.triples import Vector, dot, scaled
+from vlmb.core.triples import plus as added
+from vlmb.errors import SceneError, StudyError
 from vlmb.model.names import DOT
+from vlmb.model.quantities import QuantityTable
 from vlmb.model.reading import read_along
 from vlmb.studies.symmetry import place_axes, symmetries, turned
 from vlmb.system import events
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
+from vlmb.system.jets import Numbers, as_numbers, atan2, cos, derivatives, hypot, sin, sqrt
+from vlmb.system.replay import Replay, lifted
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System
 
@@ -53,12 +61,14 @@ class Chart:
         engine = make_engine(system, start.branch)
         assert isinstance(engine, CoreEngine)
         self.system, self.engine, self.t, self.start = system, engine, t, start
+        self.replay = Replay(engine)
         self.layout, self.arrays = system.mechanism.layout, system.core_plan.arrays
         self.kind = int(self.arrays.tree.shape[columns.BASE_KIND])
         self.first = self.arrays.positions
         self.origin = engine.pack(start.state)
         self.values = np.array(start.branch)
         engine.settle(t, self.origin)
+        self.positional = np.array([system.is_holonomic(name) for name in self._row_names()], bool)
         if like is None:
             self._refuse_switches()
         self.symmetric: tuple[bool, ...] = (
@@ -77,6 +87,11 @@ class Chart:
     def scales(self) -> Array:
         """Sizes of what is small for each number."""
         return np.array([entry.scale for entry in (*self.positions, *self.velocities)])
+
+    def _row_names(self) -> tuple[str, ...]:
+        """Names of the ideal rows; those behind are of a programme."""
+        rows = self.system.core_plan.plant.rows
+        return self.system.core_plan.row_names[: int(sizes_of(rows).ideal)] if len(rows.table) else ()
 
     # which numbers
 
@@ -134,12 +149,12 @@ class Chart:
 
     # between numbers and states of the core
 
-    def state(self, x: Array) -> Array:
+    def state(self, x: Numbers) -> Numbers:
         """Return the core's state (ny,) of numbers x (n,): what is divided out is as at the start of the chart, headings 0."""
-        y = np.zeros(len(self.origin))
+        y = np.zeros(len(self.origin), x.dtype)
         count = len(self.positions)
-        places = {(e.kind, e.link, e.axis): float(value) for e, value in zip(self.positions, x[:count], strict=True)}
-        rates = {(e.kind, e.link, e.axis): float(value) for e, value in zip(self.velocities, x[count:], strict=True)}
+        places = {(e.kind, e.link, e.axis): value for e, value in zip(self.positions, x[:count].tolist(), strict=True)}
+        rates = {(e.kind, e.link, e.axis): value for e, value in zip(self.velocities, x[count:].tolist(), strict=True)}
         w = self.first
         if self.layout.base == "ski":
             for k in (0, 1):
@@ -161,24 +176,24 @@ class Chart:
         return y
 
     def _direction(
-        self, i: int, places: Mapping[tuple[str, int, int], float], rates: Mapping[tuple[str, int, int], float]
-    ) -> tuple[Array, Array]:
-        """Return the direction of a link and its rate (3,) as the core has them, at heading 0 where that is divided out."""
+        self, i: int, places: Mapping[tuple[str, int, int], Any], rates: Mapping[tuple[str, int, int], Any]
+    ) -> tuple[Vector, Vector]:
+        """Return the direction of a link and its rate as the core has them, at heading 0 where that is divided out."""
         if ("across", i, 0) in places:
             a, b = places["across", i, 0], places["across", i, 1]
-            up = math.copysign(math.sqrt(max(1.0 - a * a - b * b, 1e-300)), math.sin(self.values[self.layout.place("psi", i)]))
+            side = math.copysign(1.0, math.sin(self.values[self.layout.place("psi", i)]))
+            up = side * sqrt(max(1.0 - a * a - b * b, 1e-300))
             da, db = rates["across", i, 0], rates["across", i, 1]
-            return np.array([a, b, up]), np.array([da, db, -(a * da + b * db) / up])
+            return (a, b, up), (da, db, -(a * da + b * db) / up)
         phi, psi = places.get(("azimuth", i, 0), 0.0), places["elevation", i, 0]
         if self.layout.plane and self.layout.base == "ski" and not self.arrays.upright:
             phi = places.get(("heading", -1, 0), 0.0)
         turning, climbing = rates.get(("azimuth", i, 0), 0.0), rates["elevation", i, 0]
-        cp, sp, ce, se = math.cos(phi), math.sin(phi), math.cos(psi), math.sin(psi)
-        d = np.array([cp * ce, sp * ce, se])
-        u = turning * ce * np.array([-sp, cp, 0.0]) + climbing * np.array([-cp * se, -sp * se, ce])
-        return d, u
+        cp, sp, ce, se = cos(phi), sin(phi), cos(psi), sin(psi)
+        aside = scaled(turning * ce, (-sp, cp, 0.0))
+        return (cp * ce, sp * ce, se), added(aside, climbing, (-cp * se, -sp * se, ce))
 
-    def placed(self, x: Array) -> Array:
+    def placed(self, x: Numbers) -> Numbers:
         """Return the core's state of numbers x with the place and the heading, or azimuth, of the chart's start."""
         y = self.state(x)
         if self.turning:
@@ -193,9 +208,9 @@ class Chart:
         turn = self._turn_of(y) if self.turning else 0.0
         y = turned(self.arrays, y, -turn)
         seen = self.system.core_plan.postures(np.array([self.t]), y[None])
-        near = self.values.copy()
+        near, begun = self.values.copy(), self._turn_of(self.origin) if self.turning else 0.0  # however far it has turned since
         for i in range(len(self.layout.links) if self.turning and not self.layout.plane else 0):
-            near[self.layout.place("phi", i)] -= turn
+            near[self.layout.place("phi", i)] -= begun
         values, rates = (part[0] for part in read_along(seen, np.array([self.t]), near[None]))
         found = []
         numbers = [*((e, values, False) for e in self.positions), *((e, rates, True) for e in self.velocities)]
@@ -212,67 +227,106 @@ class Chart:
                 found.append(float(source[at]))
         return np.array(found)
 
-    def rates(self, x: Array) -> Array:
+    def reading(self, names: Sequence[str]) -> Callable[[Numbers], list[Any]]:
+        """Return what reads quantities of the vocabulary at numbers x, with the place and the heading of the chart's start."""
+        known, table = self.system.mechanism.names, QuantityTable(self.system.mechanism.names, self.arrays)
+        asked = [known.find(name) for name in names]
+        for quantity in asked:
+            if quantity.kind == "leg":
+                raise SceneError(f"{quantity.name}: equations and trajectories read this; take the point that the leg is from")
+        places = [(table.of(quantity), int(quantity.rate)) for quantity in asked]
+        quantities, reference, tree = lifted(table.made()), table.reference(self.values), lifted(self.arrays.tree)
+
+        def read(x: Numbers) -> list[Any]:
+            y, given = self.placed(x).astype(object), lifted(self.engine.memory.given)
+            found = np.zeros((len(table.rows), 3), object)
+            for at, _ in places:
+                self.replay.measure(quantities, at, tree, y, given, reference, found)
+            return [found[place] for place in places]
+
+        return read
+
+    def rates(self, x: Numbers) -> Numbers:
         """Return dx/dt (n,). Raises what an evaluation does."""
         y = self.state(x)
-        return self._rates_at(x, y, self.engine.evaluate(self.t, y))
+        dy = self.replay.evaluate(self.t, y).slope if x.dtype == object else self.engine.evaluate(self.t, y)
+        return self._rates_at(x, y, dy)
 
-    def _rates_at(self, x: Array, y: Array, dy: Array) -> Array:
+    def equations(self, x: Numbers) -> tuple[Numbers, Numbers]:
+        """Return dx/dt (n,), and what ideal rows of positions lack, then the rates of all ideal rows (r,)."""
+        y = self.state(x)
+        if x.dtype == object:
+            dy, z, rate = self.replay.evaluate(self.t, y)
+        elif len(self.positional):
+            dy, rows = self.engine.evaluate(self.t, y), self.engine.rows(self.t, y)
+            z, rate = rows.z, rows.rate
+        else:
+            dy, z, rate = self.engine.evaluate(self.t, y), np.zeros(0), np.zeros(0)
+        return self._rates_at(x, y, dy), np.concatenate([z[self.positional], rate])
+
+    def pushes(self) -> Array:
+        """Return how dx/dt (n,) changes with the forces from outside (n, S)."""
+        x = self.numbers(self.origin).astype(object)
+        y, none = self.state(x), np.zeros(len(self.engine.memory.inputs))
+        return derivatives(lambda forces: self._rates_at(x, y, self.replay.evaluate(self.t, y, forces).slope), none)
+
+    def _rates_at(self, x: Numbers, y: Numbers, dy: Numbers) -> Numbers:
         count, w = len(self.positions), self.first
-        speeds = {(e.kind, e.link, e.axis): float(v) for e, v in zip(self.velocities, x[count:], strict=True)}
-        turning = 0.0
+        speeds = {(e.kind, e.link, e.axis): v for e, v in zip(self.velocities, x[count:].tolist(), strict=True)}
+        turning: Any = 0.0
         if self.turning:
             turning = speeds["heading", -1, 0] if self.layout.base == "ski" else speeds["azimuth", self.reference, 0]
-        found = []
+        found: list[Any] = []
         for e in self.positions:
             if e.kind == "place":
-                found.append(float(dy[e.axis]))
+                found.append(dy[e.axis])
             elif e.kind == "azimuth":
                 found.append(speeds["azimuth", e.link, 0] - turning)
             elif e.kind == "across":
                 d, u = self._core_direction(e.link, y, y)
-                found.append(float(u[e.axis]) + turning * (d[1] if e.axis == 0 else -d[0]))
+                found.append(u[e.axis] + turning * (d[1] if e.axis == 0 else -d[0]))
             else:
                 found.append(speeds[e.kind, e.link, e.axis])
         for e in self.velocities:
             if e.kind in ("speed", "sideways"):
-                found.append(float(dy[w + (e.kind == "sideways")]))
+                found.append(dy[w + (e.kind == "sideways")])
             elif e.kind == "heading":
-                found.append(float(dy[w + (2 if self.kind == columns.SLIDING else 1)]))
+                found.append(dy[w + (2 if self.kind == columns.SLIDING else 1)])
             elif e.kind == "place":
-                other = float(y[w + 1 - e.axis]) if e.axis < 2 and turning else 0.0
-                found.append(float(dy[w + e.axis]) + turning * (other if e.axis == 0 else -other))
+                other = y[w + 1 - e.axis] if e.axis < 2 and self.turning else 0.0
+                found.append(dy[w + e.axis] + turning * (other if e.axis == 0 else -other))
             elif e.kind == "length":
-                found.append(float(dy[self.arrays.length_at(e.link, e.axis)[1]]))
+                found.append(dy[self.arrays.length_at(e.link, e.axis)[1]])
             else:
                 found.append(self._direction_acceleration(e, y, dy, turning))
-        return np.array(found)
+        return as_numbers(found)
 
-    def _core_direction(self, i: int, y: Array, dy: Array) -> tuple[Array, Array]:
+    def _core_direction(self, i: int, y: Numbers, dy: Numbers) -> tuple[Vector, Vector]:
         """Return the direction that stands in y, and the rate of it that stands in the velocities of `dy`."""
         row = self.arrays.rows[i]
         at, at_rate = (int(self.arrays.tree.link[row, column]) for column in (columns.AT_P, columns.AT_V))
-        return y[at : at + 3], dy[self.first + at_rate : self.first + at_rate + 3]
+        d, u = y[at : at + 3].tolist(), dy[self.first + at_rate : self.first + at_rate + 3].tolist()
+        return (d[0], d[1], d[2]), (u[0], u[1], u[2])
 
-    def _direction_acceleration(self, e: Entry, y: Array, dy: Array, turning: float) -> float:
+    def _direction_acceleration(self, e: Entry, y: Numbers, dy: Numbers, turning: Any) -> Any:
         d, u = self._core_direction(e.link, y, y)
         bend = self._core_direction(e.link, y, dy)[1]
         if e.kind == "across":
-            return float(bend[e.axis]) + turning * float(u[1] if e.axis == 0 else -u[0])
-        flat = math.hypot(d[0], d[1])
-        side = math.copysign(1.0, math.cos(self.elevation(e.link)))
+            return bend[e.axis] + turning * (u[1] if e.axis == 0 else -u[0])
         if self.layout.plane:
-            heading = 0.0 if self.arrays.upright or self.layout.base != "ski" else float(y[2])
-            ahead = math.cos(heading) * d[0] + math.sin(heading) * d[1]
-            along = math.cos(heading) * bend[0] + math.sin(heading) * bend[1]
-            return float(ahead * bend[2] - d[2] * along)
-        across = np.array([-d[1], d[0], 0.0]) * side / flat
-        upwards = np.array([-d[0] * d[2], -d[1] * d[2], flat * flat]) * side / flat
+            heading = 0.0 if self.arrays.upright or self.layout.base != "ski" else y[2]
+            ahead = cos(heading) * d[0] + sin(heading) * d[1]
+            along = cos(heading) * bend[0] + sin(heading) * bend[1]
+            return ahead * bend[2] - d[2] * along
+        flat = hypot(d[0], d[1])
+        side = math.copysign(1.0, math.cos(self.elevation(e.link)))
+        across = scaled(side / flat, (-d[1], d[0], 0.0))
+        upwards = scaled(side / flat, (-d[0] * d[2], -d[1] * d[2], flat * flat))
         steep = side * flat
-        phi_rate, psi_rate = float(across @ u) / steep, float(upwards @ u)
+        phi_rate, psi_rate = dot(across, u) / steep, dot(upwards, u)
         if e.kind == "azimuth":
-            return (float(across @ bend) + 2.0 * phi_rate * psi_rate * d[2]) / steep
-        return float(upwards @ bend) - phi_rate**2 * steep * d[2]
+            return (dot(across, bend) + 2.0 * phi_rate * psi_rate * d[2]) / steep
+        return dot(upwards, bend) - phi_rate * phi_rate * steep * d[2]
 
     def elevation(self, i: int) -> float:
         """Return the elevation [rad] of a link at the start of the chart."""
@@ -288,29 +342,18 @@ class Chart:
         best = int(np.argmax(flat))
         return best if flat[best] >= UPRIGHT else -1
 
-    def _turn_of(self, y: Array) -> float:
+    def _turn_of(self, y: Numbers) -> Any:
         """Return the heading, or the azimuth of the link that stands for it."""
         if self.layout.base == "ski":
-            return float(y[2])
+            return y[2]
         d = self._core_direction(self.reference, y, y)[0]
-        side = math.cos(self.elevation(self.reference)) < 0.0
-        return math.atan2(d[1], d[0]) + math.pi * side
+        return atan2(d[1], d[0]) + math.pi * (math.cos(self.elevation(self.reference)) < 0.0)
 
     def _refuse_switches(self) -> None:
         values = self.engine.indicators(self.t, self.origin)[0]
         for event, value in zip(self.engine.events, values.tolist(), strict=True):
             if event.kind == events.SWITCH and abs(value) < AT_SWITCH:
                 raise StudyError(f"{event.name}: this state stands on a switch, where a motion has no linearization")
-
-    # rows
-
-    def residuals(self, x: Array) -> Array:
-        """Return what ideal rows of positions lack, then the rates of all ideal rows (r,)."""
-        if not len(self.system.core_plan.row_names):
-            return np.zeros(0)
-        rows = self.engine.rows(self.t, self.state(x))
-        positional = [self.system.is_holonomic(name) for name in rows.names]
-        return np.concatenate([rows.z[np.array(positional, bool)], rows.rate])
 
 
 def chart_at(system: System, start: Start | None = None) -> Chart:

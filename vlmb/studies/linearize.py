@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.errors import SceneError, StudyError
+from vlmb.errors import SceneError, StudyError, VlmbError
 from vlmb.model.mechanism import build
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
-from vlmb.studies.derivatives import jacobian
 from vlmb.studies.modes import SIZE, Mode, mode_about
 from vlmb.studies.steady import Steady, refuse_time
 from vlmb.system.beginning import refuse_contacts
 from vlmb.system.forces import StateView
+from vlmb.system.jets import derivatives
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System, make_system
 
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 GROWS = 1e-8  # of the largest eigenvalue: a growth that is some
 FLAT = 1e-9  # singular values over the largest that are none
+STEPS, LOOSE = (1e-5, 1e-6), 1e-5  # in units of a coordinate; relative difference at which derivatives are refused
 ALIKE = 9  # decimals of the largest eigenvalue, to which two are told apart
 FAMILY, DEFECTIVE = "family", "defective"
 
@@ -37,7 +38,8 @@ class Linear:
 
     `eigenvalues` (n,) [1/s] by growth, the fastest first; `modes` (n, n) are their columns over `names`, the largest entry 1.
     `labels` tell zeros: "family" for those that lead to another steady motion, "defective" for those beside them along which
-    deviations grow with time. `error` is that of the derivatives, relative.
+    deviations grow with time. Derivatives are exact but for rounding; `error` is how far a quotient of small differences along
+    one direction is from them, relative: about 1e-9, as such quotients are.
     """
 
     names: tuple[str, ...]
@@ -117,8 +119,10 @@ def linearize(
     chart = _chart(scene, given)
     system = chart.system
     x = chart.numbers(chart.origin)
-    full, error = jacobian(chart.rates, x, chart.scales)
-    basis, names = independent(chart, x)
+    both = derivatives(lambda at: np.concatenate(chart.equations(at)), x)
+    full = both[: len(x)]
+    error = _beside_quotient(chart, x, full)
+    basis, names = _independent(chart, both[len(x) :])
     picks = [chart.names.index(name) for name in names]
     reduced = full[picks] @ basis
     used = tuple(controls if controls is not None else system.programme.names if system.programme else ())
@@ -156,16 +160,22 @@ def _start(system: System, given: Mapping[str, float]) -> Start:
 
 def independent(chart: Chart, x: Array) -> tuple[Array, tuple[str, ...]]:
     """Return how all numbers of a chart follow (n, m) from those that rows leave independent, and the names of these."""
-    count = len(chart.residuals(x))
-    if not count:
+    if not len(chart.positional):
         return np.eye(len(x)), chart.names
-    matrix = jacobian(chart.residuals, x, chart.scales)[0] * chart.scales
-    _, sizes, right = np.linalg.svd(matrix)
+    return _independent(chart, derivatives(lambda at: chart.equations(at)[1], x))
+
+
+def _independent(chart: Chart, rows: Array) -> tuple[Array, tuple[str, ...]]:
+    """The same by the derivatives (r, n) of what rows lack."""
+    if not len(rows):
+        return np.eye(len(chart.names)), chart.names
+    _, sizes, right = np.linalg.svd(rows * chart.scales)
     rank = int((sizes > FLAT * sizes[0]).sum())
     null = chart.scales[:, None] * right[rank:].T
     picks, left_over = list[int](), null / chart.scales[:, None]
-    for rows in (range(len(chart.positions)), range(len(chart.positions), len(x))):  # positions first, then what velocities add
-        own, left_over = _picked(left_over, list(rows))
+    count = len(chart.positions)
+    for part in (range(count), range(count, len(chart.names))):  # positions first, then what velocities add
+        own, left_over = _picked(left_over, list(part))
         picks += own
     return null @ np.linalg.inv(null[picks]), tuple(chart.names[k] for k in picks)
 
@@ -189,14 +199,29 @@ def _pushes(scene: Scene, like: Chart, names: Sequence[str]) -> Array:
     plain = scene.changed(programme=None)
     system = make_system(build(plain), inputs=list(names) or None)
     chart = Chart(system, like.start, like=like)
-    x, engine = chart.numbers(chart.origin), chart.engine
-    engine.memory.inputs[:] = 0.0
-    rest, columns = chart.rates(x), []
-    for k in range(len(names)):
-        engine.memory.inputs[:] = 0.0
-        engine.memory.inputs[k] = 1.0
-        columns.append(chart.rates(x) - rest)
-    return np.array(columns).T if columns else np.zeros((len(x), 0))
+    return chart.pushes()
+
+
+def _beside_quotient(chart: Chart, x: Array, matrix: Array) -> float:
+    """Return how far a quotient of small differences along a direction is from the derivatives (n, n), relative to the largest.
+
+    At a kink, or where angles have no direction, calculus gives derivatives that are none: raises StudyError there.
+    """
+    way, size = np.random.default_rng(1).standard_normal(len(x)), max(1.0, float(np.abs(matrix * chart.scales).max(initial=0.0)))
+    least, why = np.inf, ""
+    for step in STEPS:
+        nudge = step * chart.scales * way
+        try:
+            quotient = (chart.rates(x + nudge) - chart.rates(x - nudge)) / (2.0 * step)
+        except VlmbError as refused:  # beyond a pole or a limit: nearer
+            why = f": {refused}"
+            continue
+        least = min(least, float(np.abs(quotient - matrix @ (chart.scales * way)).max(initial=0.0)) / size)
+    if not np.isfinite(least):
+        raise StudyError(f"there are no derivatives here{why}")
+    if least > LOOSE:
+        raise StudyError(f"the accelerations are not smooth here: derivatives are off by {least:.1g} from a small step's")
+    return least
 
 
 def _zeros(matrix: Array) -> tuple[int, int]:

@@ -28,6 +28,7 @@ from vlmb.system.system import make_system
 Array = NDArray[np.float64]
 
 REPEATS = 1e-9  # of the largest rate: by how much those a period later may differ
+NEAR = 0.5  # of the farthest that a motion has been from its start: nearer it has come back
 BESIDE = 0.01  # where laws are looked at: an equilibrium may hide them
 
 
@@ -59,7 +60,7 @@ class Orbit:
 
 
 def periodic(
-    scene: Scene | str | Path | Mapping[str, Any], period: float, advance: Mapping[str, float] | None = None
+    scene: Scene | str | Path | Mapping[str, Any], period: float | None = None, advance: Mapping[str, float] | None = None
 ) -> Orbit:
     """Find a periodic motion near the start of a scene, and its multipliers.
 
@@ -67,21 +68,26 @@ def periodic(
 
     Parameters
     ----------
-    period : [s] a multiple of the period of every law; of a scene without laws of time a guess
+    period : [s] a multiple of the period of every law; of a scene without laws of time a guess, by default the time after which
+        its run first comes near its start again
     advance : {coordinate: change in a period [m, rad]}
 
-    Raises SceneError for a period that is none of the scene's laws, StudyError where no periodic motion is found.
+    Raises SceneError for a period that is none of the scene's laws, or that they leave to be told, StudyError where no periodic
+    motion is found.
     """
     scene = as_scene(scene)
-    period = finite("period", period)
-    if period <= 0.0:
-        raise SceneError(f"period = {period:g}: must be positive [s]")
     timed = any(root.names & {"t"} for root in laws_of(scene)) or bool(scene.data)
+    if period is None and timed:
+        raise SceneError("period: the laws of this scene depend on time: give a multiple of the period of each [s]")
+    if period is not None and finite("period", period) <= 0.0:
+        raise SceneError(f"period = {period:g}: must be positive [s]")
     chart = chart_at(make_system(build(scene)))
     shift = _shift(chart, advance or {})
-    if timed:
-        _refuse_other_period(chart, period)
     flow = _Flow(scene, chart, shift, timed)
+    if period is None:
+        period = _first_return(flow)
+    elif timed:
+        _refuse_other_period(chart, period)
     (x, period), size = shoot(flow, (chart.numbers(chart.origin), period))
     if not size <= HELD * max(1.0, float(np.abs(x).max(initial=0.0))):
         raise StudyError(f"no periodic motion of about {period:g} s near this start: a period lacks {size:.3g} to come back")
@@ -164,6 +170,21 @@ def _shift(chart: Chart, advance: Mapping[str, float]) -> Array:
         else:
             raise SceneError(f"advance: nothing in this scene depends on {name}: it is divided out, and goes on by what it does")
     return found
+
+
+def _first_return(flow: _Flow) -> float:
+    """Return when [s] the scene's run is nearest to its start again, for the first time after it was far from it."""
+    chart, x = flow.chart, flow.chart.numbers(flow.chart.origin)
+    run = flow.trajectory(x, float(flow.scene.run.duration))
+    away = np.array([chart.numbers(state) for state in run.states]) - x
+    spans = np.ptp(away, axis=0)  # by which numbers of different kinds are compared
+    off = np.linalg.norm((away - flow.shift) / np.where(spans > HELD, spans, np.inf), axis=1)
+    far = np.maximum.accumulate(off)
+    for k in range(1, len(off) - 1):
+        if off[k] <= min(off[k - 1], off[k + 1]) and off[k] < NEAR * far[k]:
+            return float(run.t[k])
+    why = "rests" if not far[-1] > 0.0 else f"does not come near its start again within {run.t[-1]:g} s"
+    raise StudyError(f"period: the run of this scene {why}; give a guess of the period [s], or let [run] duration be longer")
 
 
 def _refuse_other_period(chart: Chart, period: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from vlmb.model.reading import read_along
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
-from vlmb.studies.derivatives import jacobian
+from vlmb.system.jets import Numbers, as_numbers, derivatives
 from vlmb.system.pace import laws_of
 from vlmb.system.system import make_system
 
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 ROUNDS, HELD, FLAT = 60, 1e-10, 1e-7  # iterations; the residual that is accepted; singular values over the largest that are none
 RADIUS = "radius"
+Held = Callable[[Numbers], Numbers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ def steady(
             f"no steady motion near this start: {worst} stays at {residual:.3g}; begin nearer to one (guess), hold other "
             "quantities, or there is none"
         )
-    matrix = jacobian(lambda at: _lacking(chart, at, {}), x, chart.scales)[0]
+    matrix = derivatives(lambda at: np.concatenate(chart.equations(at)), x)
     coordinates, rates = named_at(chart, x)
     return Steady(scene, coordinates, rates, residual, _rank(matrix), len(x), dict(hold))
 
@@ -177,34 +178,35 @@ def named_at(chart: Chart, x: Array) -> tuple[dict[str, float], dict[str, float]
     )
 
 
-def _read(chart: Chart, x: Array, name: str) -> float:
-    """Return a quantity of the vocabulary at numbers x."""
-    y = chart.placed(x)
-    seen = chart.system.core_plan.postures(np.array([chart.t]), y[None])
-    values, rates = read_along(seen, np.array([chart.t]), chart.values[None])
-    return float(seen.read(chart.system.mechanism.names.find(name), values, rates)[0])
+def _holding(chart: Chart, hold: Mapping[str, float]) -> Held:
+    """Return what tells how far quantities are from what is held."""
+    names = dict.fromkeys(name for name in hold if name != RADIUS)
+    if RADIUS in hold:
+        names |= dict.fromkeys(("speed", f"phi0{DOT}"))
+    read = chart.reading(list(names))
+
+    def off(x: Numbers) -> Numbers:
+        seen = dict(zip(names, read(x), strict=True))
+        turns = [seen[f"phi0{DOT}"] - seen["speed"] / value for name, value in hold.items() if name == RADIUS]
+        return as_numbers([*(seen[name] - value for name, value in hold.items() if name != RADIUS), *turns])
+
+    return off
 
 
-def _lacking(chart: Chart, x: Array, hold: Mapping[str, float]) -> Array:
+def _lacking(chart: Chart, x: Numbers, held: Held) -> Numbers:
     """Return what a steady motion must not have, what rows lack, and what is held."""
-    parts = [chart.rates(x), chart.residuals(x)]
-    for name, value in hold.items():
-        if name == RADIUS:
-            speed, turning = _read(chart, x, "speed"), _read(chart, x, f"phi0{DOT}")
-            parts.append(np.array([turning - speed / value]))
-        else:
-            parts.append(np.array([_read(chart, x, name) - value]))
-    return np.concatenate(parts)
+    return np.concatenate([*chart.equations(x), held(x)])
 
 
 def _solved(chart: Chart, x: Array, hold: Mapping[str, float]) -> tuple[Array, float]:
     """Search by Gauss-Newton of least norm with shorter steps where they do not help; return where it ends and what is left."""
-    error = _lacking(chart, x, hold)
+    held = _holding(chart, hold)
+    error = _lacking(chart, x, held)
     for _ in range(ROUNDS):
         size = float(np.linalg.norm(error))
         if size < 1e-13:
             break
-        matrix = jacobian(lambda at: _lacking(chart, at, hold), x, chart.scales, quick=True)[0] * chart.scales
+        matrix = derivatives(lambda at: _lacking(chart, at, held), x) * chart.scales
         left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
         useful = sizes > FLAT * sizes[0]
         step = chart.scales * (right[useful].T @ ((left[:, useful].T @ -error) / sizes[useful]))
@@ -212,7 +214,7 @@ def _solved(chart: Chart, x: Array, hold: Mapping[str, float]) -> tuple[Array, f
         step *= min(1.0, 0.5 / max(longest, 0.5))
         for share in (1.0, 0.5, 0.2, 0.05, 0.01):
             try:
-                found = _lacking(chart, x + share * step, hold)
+                found = _lacking(chart, x + share * step, held)
             except VlmbError:
                 continue
             if float(np.linalg.norm(found)) < size:
@@ -224,9 +226,10 @@ def _solved(chart: Chart, x: Array, hold: Mapping[str, float]) -> tuple[Array, f
 
 
 def _worst(chart: Chart, x: Array, hold: Mapping[str, float]) -> str:
-    error = np.abs(_lacking(chart, x, hold))
+    error = np.abs(_lacking(chart, x, _holding(chart, hold)))
     names = [f"the rate of {name}" for name in chart.names]
-    names += ["a constraint"] * (len(error) - len(names) - len(hold)) + [f"{name} (held)" for name in hold]
+    own = sorted(hold, key=lambda name: name == RADIUS)  # it comes last
+    names += ["a constraint"] * (len(error) - len(names) - len(hold)) + [f"{name} (held)" for name in own]
     return names[int(np.argmax(error))]
 
 

@@ -5,8 +5,8 @@ They are tried on the equations of motion themselves: what a scene names, and wh
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from vlmb.errors import VlmbError
 from vlmb.model.arrays import Arrays
 from vlmb.model.layout import Layout
 from vlmb.system.core_engine import CoreEngine
+from vlmb.system.jets import Numbers, cos, sin
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -42,9 +43,9 @@ def place_axes(layout: Layout) -> list[int]:
     return []
 
 
-def turned(arrays: Arrays, y: Array, angle: float, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+def turned(arrays: Arrays, y: Numbers, angle: Any, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> Numbers:
     """Return a state of the core moved as a whole: turned about the vertical through the origin, then shifted."""
-    y, w, c, s = np.array(y), arrays.positions, math.cos(angle), math.sin(angle)
+    y, w, c, s = np.array(y), arrays.positions, cos(angle), sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     if arrays.layout.base == "ski":
         y[:2] = turn[:2, :2] @ y[:2] + np.array(shift[:2])
@@ -57,7 +58,7 @@ def turned(arrays: Arrays, y: Array, angle: float, shift: Sequence[float] = (0.0
     return y
 
 
-def _directions(arrays: Arrays, y: Array) -> list[tuple[Array, Array]]:
+def _directions(arrays: Arrays, y: Numbers) -> list[tuple[Numbers, Numbers]]:
     """Return the parts of a state where directions and their rates stand."""
     rows = [(int(row[columns.AT_P]), arrays.positions + int(row[columns.AT_V])) for row in arrays.tree.link]
     return [(y[at : at + 3], y[rate : rate + 3]) for at, rate in rows]

@@ -10,7 +10,6 @@ lambda solve the equations, for any weights W >= 0.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
 
@@ -31,7 +30,7 @@ from vlmb.system.slips import Slips
 Array = NDArray[np.float64]
 
 EMPTY = 1e-18  # of J M^-1 J^T over |J|^2 [1/kg]: a row that moves nothing
-REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal: a row that others repeat
+REPEATED = 1e-12  # of a Cholesky pivot squared over the diagonal, a pivot over the largest entry: a row that others repeat
 REPEATING = 1e-10  # of the largest singular value of J M^-1 J^T in its scale: below it rows repeat each other
 LOST = 1e-13  # of a diagonal entry: a Cholesky pivot squared below this part of it is rounding
 TINIEST = 1e-300
@@ -256,28 +255,27 @@ class ConstraintSolver:
             matrix[empty], matrix[:, empty], right[empty] = 0.0, 0.0, 0.0
             matrix[empty, empty] = 1.0
             diagonal = matrix.diagonal().tolist()
-        if self.slips is not None:
-            self.worth = 1.0
-            with contextlib.suppress(np.linalg.LinAlgError):
-                solved = np.linalg.solve(matrix, right)
-                if np.isfinite(solved).all():
-                    return np.asarray(solved, float)
-        factor, answer, info = lapack.dposv(matrix, right)
-        pivots = factor.diagonal().tolist()
         self.worth = 1.0
-        if not info and all(pivot * pivot > REPEATED * own for pivot, own in zip(pivots, diagonal, strict=True)):
-            shares = zip(pivots, diagonal, self.largest, strict=True)
-            self.worth = min(pivot / math.sqrt(max(own, largest)) for pivot, own, largest in shares)
-            self.diagonal = diagonal
-            return answer
+        if self.slips is not None:  # friction makes it unsymmetric
+            factor, order, info = lapack.dgetrf(matrix)
+            if not info and np.abs(factor.diagonal()).min() > REPEATED * np.abs(matrix).max():
+                return np.asarray(lapack.dgetrs(factor, order, right)[0], float)
+        else:
+            factor, answer, info = lapack.dposv(matrix, right)
+            pivots = factor.diagonal().tolist()
+            if not info and all(pivot * pivot > REPEATED * own for pivot, own in zip(pivots, diagonal, strict=True)):
+                shares = zip(pivots, diagonal, self.largest, strict=True)
+                self.worth = min(pivot / math.sqrt(max(own, largest)) for pivot, own, largest in shares)
+                self.diagonal = diagonal
+                return answer
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             self.require_finite()
             raise SingularError("the ideal constraints have no finite values here")
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         answer = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale[:, None], rcond=REPEATING)[0] / scale[:, None]
         bound = np.sqrt(np.maximum(scale**2, self.largest))
-        values = np.linalg.eigvalsh(matrix / np.outer(bound, bound))
-        self.worth, self.diagonal = math.sqrt(values[values > REPEATING * values[-1]][0]), diagonal
+        values = np.linalg.svd(matrix / np.outer(bound, bound), compute_uv=False)
+        self.worth, self.diagonal = math.sqrt(values[values > REPEATING * values[0]][-1]), diagonal
         error = np.abs(matrix @ answer - right)
         if not error.max() <= 1e-6 * max(1.0, np.abs(right).max()):
             astray = [int(k) for k in np.flatnonzero(error.max(axis=1) > 0.1 * error.max())]

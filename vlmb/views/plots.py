@@ -16,6 +16,7 @@ from vlmb.model.names import force_symbol, panel_label, quantity_of
 from vlmb.views.contact_plots import contacts
 from vlmb.views.dark import darkened
 from vlmb.views.data_plots import data
+from vlmb.views.eigenvalue_plots import eigenvalues as eigenvalues
 from vlmb.views.panels import (
     ZERO,
     Panel,
