@@ -125,6 +125,13 @@ def test_outputs_are_compared_up_to_the_last_digits() -> None:
 # the site ----------------------------------------------------------------------------------------------------------
 
 
+def test_the_table_of_promises_names_files_that_exist() -> None:
+    rows = re.findall(r"^\| .* \| (`.*`) \|$", (ROOT / "docs" / "promises.md").read_text(encoding="utf-8"), re.M)
+    named = [name for row in rows for name in re.findall(r"`([\w/]+\.py)`", row)]
+    assert len(rows) > 15 and len(named) > 40
+    assert [name for name in named if not (ROOT / "tests" / name).is_file()] == []
+
+
 def test_every_link_leads_somewhere(site: Path, pages: dict[str, Found]) -> None:
     broken = []
     for name, page in pages.items():
