@@ -58,7 +58,7 @@ def at_posture(
     start = consistent_start(make_system(mechanism))
     coordinates, rates = dict(start.coordinates), dict(start.rates)
     given = mechanism.names.canonical(dict(_read(entry) for entry in changes), "--at")
-    ski = mechanism.layout.base == "ski"
+    ski = mechanism.layout.headed
     if ski and ("speed" in given or _along(coordinates, rates)):  # the start's speed stays along the ski when the heading changes
         heading = coordinates["phi0"]
         rates["speed"] = rates.pop("x_dot") * math.cos(heading) + rates.pop("y_dot") * math.sin(heading)

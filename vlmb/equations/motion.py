@@ -282,7 +282,7 @@ def equations_of_motion(
     Raises SceneError naming a missing, unknown or non-finite coordinate and its link.
     """
     layout = mechanism.layout
-    allowed = FORMS if layout.base == "ski" else FORMS[:1]
+    allowed = FORMS if layout.headed else FORMS[:1]
     if form not in allowed:
         where = "" if form not in FORMS else f" of a {layout.base!r} base"
         raise SceneError(f"unknown form {form!r}{where}; allowed: {', '.join(allowed)}")

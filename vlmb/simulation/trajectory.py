@@ -223,7 +223,7 @@ class Trajectory(Remade, Displayed):
         left side - right side. Of a contact, a leg and a ski that lifts ("ski") it is the force (N, 3) [N] on the mechanism in
         the surface frame, of a stop that along its length.
         """
-        snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
+        snow = tuple(SNOW) if self.mechanism.layout.on_snow else ()
         snow += ("friction",) if self.scene.base.friction or self.scene.base.lift else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
         ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
@@ -264,7 +264,7 @@ class Trajectory(Remade, Displayed):
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Constraint errors by name or equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
-        edge = ("knife_edge",) if self.mechanism.layout.base == "ski" else ()
+        edge = ("knife_edge",) if self.mechanism.layout.on_snow else ()
         return Named("residual", (*edge, *self._equations), self._residual)
 
     @cached_property

@@ -74,7 +74,7 @@ class Chart:
         self.symmetric: tuple[bool, ...] = (
             symmetries(system, engine, self.origin, self.values, t) if like is None else like.symmetric
         )
-        self.reference = self._reference_link() if self.symmetric[3] and self.layout.base != "ski" else -1
+        self.reference = self._reference_link() if self.symmetric[3] and not self.layout.headed else -1
         self.positions = self._position_entries()
         self.velocities = self._velocity_entries()
 
@@ -98,12 +98,12 @@ class Chart:
     @property
     def turning(self) -> bool:
         """Whether the heading, or the azimuth of a link, is divided out."""
-        return self.symmetric[3] and (self.layout.base == "ski" or self.reference >= 0)
+        return self.symmetric[3] and (self.layout.headed or self.reference >= 0)
 
     def _position_entries(self) -> list[Entry]:
         names = self.layout.names
         found = [Entry("xyz"[k], "place", axis=k) for k in place_axes(self.layout) if not self.symmetric[k]]
-        if self.layout.base == "ski" and not self.turning:
+        if self.layout.headed and not self.turning:
             found.append(Entry("phi0", "heading"))
         for i, link in enumerate(self.layout.links):
             found += self._direction_entries(i, link.name)
@@ -125,7 +125,7 @@ class Chart:
 
     def _velocity_entries(self) -> list[Entry]:
         found: list[Entry] = []
-        if self.layout.base == "ski":
+        if self.layout.headed:
             found.append(Entry("speed", "speed", scale=max(1.0, abs(self._velocity(0)))))
             if self.sideways:
                 found.append(Entry("sideways", "sideways"))
@@ -157,7 +157,7 @@ class Chart:
         places = {(e.kind, e.link, e.axis): value for e, value in zip(self.positions, x[:count].tolist(), strict=True)}
         rates = {(e.kind, e.link, e.axis): value for e, value in zip(self.velocities, x[count:].tolist(), strict=True)}
         w = self.first
-        if self.layout.base == "ski":
+        if self.layout.headed:
             for k in place_axes(self.layout):
                 y[self._at(k)] = places.get(("place", -1, k), 0.0)
             y[2] = places.get(("heading", -1, 0), 0.0)
@@ -189,7 +189,7 @@ class Chart:
             da, db = rates["across", i, 0], rates["across", i, 1]
             return (a, b, up), (da, db, -(a * da + b * db) / up)
         phi, psi = places.get(("azimuth", i, 0), 0.0), places["elevation", i, 0]
-        if self.layout.plane and self.layout.base == "ski" and not self.arrays.upright:
+        if self.layout.plane and self.layout.headed and not self.arrays.upright:
             phi = places.get(("heading", -1, 0), 0.0)
         turning, climbing = rates.get(("azimuth", i, 0), 0.0), rates["elevation", i, 0]
         cp, sp, ce, se = cos(phi), sin(phi), cos(psi), sin(psi)
@@ -208,7 +208,7 @@ class Chart:
 
     def _at(self, axis: int) -> int:
         """Where a place stands in a state; the rate of z as well."""
-        return 3 if axis == 2 and self.layout.base == "ski" else axis
+        return 3 if axis == 2 and self.layout.headed else axis
 
     def numbers(self, y: Array) -> Array:
         """Return the numbers x (n,) of a core's state, counted from the heading, or the azimuth, that is divided out."""
@@ -282,7 +282,7 @@ class Chart:
         speeds = {(e.kind, e.link, e.axis): v for e, v in zip(self.velocities, x[count:].tolist(), strict=True)}
         turning: Any = 0.0
         if self.turning:
-            turning = speeds["heading", -1, 0] if self.layout.base == "ski" else speeds["azimuth", self.reference, 0]
+            turning = speeds["heading", -1, 0] if self.layout.headed else speeds["azimuth", self.reference, 0]
         found: list[Any] = []
         for e in self.positions:
             if e.kind == "place":
@@ -321,7 +321,7 @@ class Chart:
         if e.kind == "across":
             return bend[e.axis] + turning * (u[1] if e.axis == 0 else -u[0])
         if self.layout.plane:
-            heading = 0.0 if self.arrays.upright or self.layout.base != "ski" else y[2]
+            heading = 0.0 if self.arrays.upright or not self.layout.headed else y[2]
             ahead = cos(heading) * d[0] + sin(heading) * d[1]
             along = cos(heading) * bend[0] + sin(heading) * bend[1]
             return ahead * bend[2] - d[2] * along
@@ -351,7 +351,7 @@ class Chart:
 
     def _turn_of(self, y: Numbers) -> Any:
         """Return the heading, or the azimuth of the link that stands for it."""
-        if self.layout.base == "ski":
+        if self.layout.headed:
             return y[2]
         d = self._core_direction(self.reference, y, y)[0]
         return atan2(d[1], d[0]) + math.pi * (math.cos(self.elevation(self.reference)) < 0.0)

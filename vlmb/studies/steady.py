@@ -151,7 +151,7 @@ def _refuse_unknown(chart: Chart, hold: Mapping[str, float]) -> None:
         if name != RADIUS:
             names.find(name, "hold")
             continue
-        if scene.base.kind != "ski":
+        if not scene.on_snow:
             raise SceneError("hold: radius is that of a ski's turn; this scene has none")
         if scene.slope:
             raise SceneError("hold: radius: on a slope no turn is steady; set slope = 0")

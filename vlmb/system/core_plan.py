@@ -346,7 +346,7 @@ def _watched(
                     place = table.of(mechanism.names.find(c.name))
                     sentence = f"{c.name} reached its limit {bound:g} m"
                     add(core.QUANTITY, place, side, bound, Event(LIMIT, FALLING, c.name, sentence))
-    if run.fall and mechanism.layout.base == "ski":
+    if run.fall and mechanism.layout.on_snow:
         for link in mechanism.layout.links:
             for point in (f"{link.name}.rod_end", f"{link.name}.tip"):
                 place = table.of(mechanism.names.find(f"{point}.z"))
