@@ -21,8 +21,8 @@ MODELS = Path(__file__).resolve().parents[2] / "models"
 TINY = 1e-20  # step of the differences
 
 # Rows, a programme with more controls than rows, friction, prescribed lengths, springs between directions, anchors, closed feet.
-SHIPPED = ["carved_turn", "compass_gait", "crane", "flight", "prescribed", "single_support", "skate_on_slope", "skier_paper_balanced",
-           "skier_skids", "skier_slalom", "skier_two_links", "tree"]  # fmt: skip
+SHIPPED = ["carved_turn", "compass_gait", "crane", "flight", "prescribed", "single_support", "skate_on_slope",
+           "skier_paper_balanced", "skier_skids", "skier_slalom", "skier_two_links", "tree"]  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
