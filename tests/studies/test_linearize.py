@@ -173,6 +173,8 @@ def test_refusals() -> None:
         vlmb.steady(pendulum(), {"psi2": 1.0})
     with pytest.raises(StudyError, match="stands on a switch"):
         vlmb.linearize(pendulum(forces=[{"on": "M_psi1", "law": "-sign(psi1_dot)"}], start={"psi1": -1.0}))
+    with pytest.raises(StudyError, match="not smooth here"):  # its axis is that of an azimuth which an upright link has not
+        vlmb.linearize(pendulum(forces=[{"on": "M_psi1", "law": "5.0"}], start={"psi1": math.pi / 2}))
 
 
 def test_derivatives_tell_their_error() -> None:

@@ -1,4 +1,8 @@
-"""Derivatives of vector functions by central differences, extrapolated to step zero, with their error."""
+"""Derivatives of maps that runs make, such as a period's, by central differences, extrapolated to step zero, with their error.
+
+Those of accelerations are exact: vlmb/system/jets.py. Along runs this way measures better than variational equations
+(benchmarks/derivatives.py), and goes through events.
+"""
 
 from __future__ import annotations
 

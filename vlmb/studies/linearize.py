@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 FLAT = 1e-9  # singular values over the largest that are none
 STEPS, LOOSE = (1e-5, 1e-6), 1e-5  # in units of a coordinate; relative difference at which derivatives are refused
+BENT = 0.1  # of the largest derivative: by how much two quotients beside each other may differ
 ALIKE = 9  # decimals of the largest eigenvalue, to which two are told apart
 FAMILY, DEFECTIVE = "family", "defective"
 
@@ -204,15 +205,17 @@ def _beside_quotient(chart: Chart, x: Array, matrix: Array) -> float:
     At a kink, or where angles have no direction, calculus gives derivatives that are none: raises StudyError there.
     """
     way, size = np.random.default_rng(1).standard_normal(len(x)), max(1.0, float(np.abs(matrix * chart.scales).max(initial=0.0)))
-    least, why = np.inf, ""
+    least, why, here = np.inf, "", chart.rates(x)
     for step in STEPS:
         nudge = step * chart.scales * way
         try:
-            quotient = (chart.rates(x + nudge) - chart.rates(x - nudge)) / (2.0 * step)
+            ahead, behind = chart.rates(x + nudge), chart.rates(x - nudge)
         except VlmbError as refused:  # beyond a pole or a limit: nearer
             why = f": {refused}"
             continue
-        least = min(least, float(np.abs(quotient - matrix @ (chart.scales * way)).max(initial=0.0)) / size)
+        off = np.abs((ahead - behind) / (2.0 * step) - matrix @ (chart.scales * way))
+        bend = np.abs(ahead - here + (behind - here)) / (2.0 * step)  # of a jump here that both sides share
+        least = min(least, float(np.maximum(off, np.where(bend > BENT * size, bend, 0.0)).max(initial=0.0)) / size)
     if not np.isfinite(least):
         raise StudyError(f"there are no derivatives here{why}")
     if least > LOOSE:

@@ -7,6 +7,7 @@ kernels that it calls are such copies as well, and its functions of mathematics 
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any, NamedTuple
@@ -28,12 +29,14 @@ FUNCTIONS = (
 CORE = evaluation.__package__ or ""
 
 _modules: dict[str, dict[str, Any]] = {}
+_alone = threading.RLock()  # while modules are copied
 
 
 def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
     """Return a kernel as plain Python that takes numbers of any arithmetic, in arrays of objects."""
     function = getattr(kernel, "py_func", kernel)
-    found: Callable[..., Any] = _module(sys.modules[function.__module__])[function.__name__]
+    with _alone:
+        found: Callable[..., Any] = _module(sys.modules[function.__module__])[function.__name__]
     return found
 
 
