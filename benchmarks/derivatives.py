@@ -6,11 +6,11 @@ Usage: python benchmarks/derivatives.py
 derivatives. Differences: of compiled evaluations, with eight steps extrapolated to 0. Errors are along one direction, against
 differences with 50 digits, over the largest derivative.
 
-*Runs*: heights of directions and lengths at the end of a run by all elevations, lengths and rates of both at its start. Beside:
-runs with other start values, as `vlmb.sensitivities` compares them. Variational: X' = A(t) X along the run, A by jets at the nodes
-of Gauss's method with six stages in the state of the core, as few intervals as a change below 1e-9 needs. Both errors are against
-twice as many. Variational equations would have to be carried on over events, impacts, changes of lengths and starts that rows
-complete, each with derivatives of its own; runs beside go through all of them as they are.
+*Runs*: heights of directions and lengths at the end of a run by all elevations, lengths and rates of both at its start.
+Beside: runs with other start values, as `vlmb.sensitivities` compares them. Variational: X' = A(t) X along the run, A by jets
+at the nodes of Gauss's method with six stages in the state of the core, as few intervals as a change below 1e-9 needs. Both
+errors are against twice as many. Variational equations would have to be carried on over events, impacts, changes of lengths
+and starts that rows complete, each with derivatives of its own; runs beside go through all of them as they are.
 """
 
 from __future__ import annotations

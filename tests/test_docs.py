@@ -32,6 +32,11 @@ LANGUAGES = {"python", "toml", "console", "sh", "text", ""}
 HERE = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "NO_MKDOCS_2_WARNING": "1"}
 
 
+def test_no_page_holds_what_a_merge_left() -> None:
+    for page in [*PAGES, ROOT / "README.md", ROOT / "CHANGELOG.md"]:
+        assert not re.search(r"^(<{7}|={7}|>{7})( |$)", page.read_text(encoding="utf-8"), re.MULTILINE), page
+
+
 class Found(html.parser.HTMLParser):
     """What a page of the site holds: anchors, links, loaded files, pictures without a text."""
 
@@ -118,6 +123,13 @@ def test_outputs_are_compared_up_to_the_last_digits() -> None:
 
 
 # the site ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_table_of_promises_names_files_that_exist() -> None:
+    rows = re.findall(r"^\| .* \| (`.*`) \|$", (ROOT / "docs" / "promises.md").read_text(encoding="utf-8"), re.M)
+    named = [name for row in rows for name in re.findall(r"`([\w/]+\.py)`", row)]
+    assert len(rows) > 15 and len(named) > 40
+    assert [name for name in named if not (ROOT / "tests" / name).is_file()] == []
 
 
 def test_every_link_leads_somewhere(site: Path, pages: dict[str, Found]) -> None:

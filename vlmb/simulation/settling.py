@@ -20,11 +20,11 @@ from vlmb.scene.names import listed
 from vlmb.simulation.phases import Event
 from vlmb.simulation.resting import Resting, Strikes, ends_now
 from vlmb.system.cone import Answer, Contact, Refusal, impact, modes
-from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
+from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
-from vlmb.system.sharing import Foot, carrying, let_go
+from vlmb.system.sharing import carrying, carrying_again, foot_of, let_go
 from vlmb.system.ski_contact import ALONG
 
 Array = NDArray[np.float64]
@@ -156,22 +156,16 @@ class Settling(Resting):
         on them are let go, too
         """
         closed = [k for k in among if footings[k].state in CLOSED]
-        if len(closed) < 2 or any(type(self.points[k]) is not ContactPoint for k in closed):
+        if len(closed) < 2 or not all(self.points[k].shares for k in closed):
             return None, set()
         found = self._under_forces(y, frozenset(self.points[k].name for k in closed))
         turn, rows = self._problem(closed, frames)
         a = np.concatenate([self._local(found.jets[k], k, frames[k], 2) for k in closed])
-        feet = {}
-        for k, (normal, (across,)) in zip(closed, rows, strict=True):
-            at, point = footings[k], self.points[k]
-            if at.state == SLIDING:
-                way = frames[k][:-1] @ np.array(at.towards)
-                ratio = 0.0 if point.smooth else point.coefficient
-                feet[k] = Foot((normal, *across), ratio, tuple((-ratio * way).tolist()))
-            else:
-                feet[k] = Foot((normal, *across), point.at_rest)
+        feet = {k: foot_of(self.points[k], footings[k], frames[k], rows[at][0]) for at, k in enumerate(closed)}
         g = turn @ found.matrix @ turn.T
         carry = carrying(g, a, feet, light, LIGHT * self.weight)
+        if carry is None and light:  # with others than now they may well carry
+            carry = carrying(g, a, feet, (), LIGHT * self.weight)
         if carry is None:
             rests = [k for k in closed if footings[k].state == RESTING]
             return None, let_go(g, feet, [k for k in closed if k not in light and k not in rests], rests)
@@ -180,7 +174,7 @@ class Settling(Resting):
             if k not in carry:
                 after[k] = footings[k]._replace(state=RESTING)
             elif footings[k].state == RESTING:
-                after[k] = self.points[k].footing_at(HELD, self.t, found.jets[k, :3, 0], self.plane)
+                after[k] = carrying_again(self.points[k], footings[k], self.t, found.jets[k, :3, 0], self.plane)
         return tuple(after), set()
 
     def _happened(
