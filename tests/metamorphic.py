@@ -22,7 +22,7 @@ SAMPLES = 200 / DURATION  # [1/s] at least so many
 TIGHT = {"rtol": 1e-10, "atol": 1e-11}
 NUDGE = 1e-7  # [rad] of a start that tells how fast errors grow
 ALLOWED = 3e-8  # [m] of a motion of metres, times the growth of a disturbed start
-NAMED = ("two motions meet", "they would never end")  # stops that rounding decides: near singular postures, of rattling feet
+NAMED = ("two motions meet",)  # stops that rounding decides: near singular postures
 SIDE_BY_SIDE = 1e-9  # a stop in time, over the duration, times that growth
 
 

@@ -7,6 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import vlmb
+from tests.metamorphic import Words
+from tests.metamorphic_kinds import contacts
 from tests.simulation.test_phases import balanced
 from tests.simulation.walkers import TIGHT
 from vlmb.simulation.resting import SOON, Strikes, ends_now
@@ -98,3 +100,13 @@ def test_cycles_that_do_not_shrink_have_no_end():
     assert strikes.left([0]) == pytest.approx(2e-7) and ends_now(strikes.left([0]), 2e-7)
     assert strikes.left([1]) == strikes.left([0, 1]) == strikes.left([2]) == np.inf and not ends_now(np.inf, 4e-7)
     assert not ends_now(1e-5, 2e-6) and not ends_now(1e-6, 2e-6) and ends_now(1e-7, 5e-6)
+
+
+@pytest.mark.parametrize(("seed", "kinds"), [(197, ["touch", "slip", "touch", "stick"]), (93, ["touch", "slip", "slip"])])
+def test_what_begins_or_ends_to_slide_does_so_once(seed, kinds):
+    """A point that turns as it stops; one that begins to slide with a speed of rounding, and later turns back."""
+    runs = [vlmb.simulate(contacts(seed, Words(run=(("method", method),)))) for method in ("dop853", "adams")]
+    for run in runs:
+        assert run.status == "finished" and [event.kind for event in run.events] == kinds and balanced(run)
+    assert [event.t for event in runs[0].events] == pytest.approx([event.t for event in runs[1].events], abs=1e-7)
+    assert runs[0]["x"][-1] == pytest.approx(runs[1]["x"][-1], abs=1e-8)
