@@ -136,6 +136,13 @@ def test_closed_form_imports_numpy_alone() -> None:
                     assert inside or target.partition(".")[0] in allowed, f"{path.name} imports {target}"
 
 
+def test_nothing_above_the_model_asks_for_the_kind_of_base() -> None:
+    """A layout says what matters of it: whether it has a heading, whether it is on snow."""
+    for name, path in modules(PACKAGE).items():
+        if name.partition(".")[0] not in ("core", "scene", "model"):
+            assert not re.search(r'(base|kind) [!=]= "ski"', path.read_text(encoding="utf-8")), name
+
+
 def test_a_file_is_taken_in_at_one_sitting() -> None:
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in modules(PACKAGE).items()}
     assert not {name: length for name, length in lengths.items() if length > LONGEST}

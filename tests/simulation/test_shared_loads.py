@@ -7,6 +7,7 @@ import pytest
 
 import vlmb
 from tests.simulation.walkers import TIGHT
+from vlmb.system.least_reactions import face_of
 
 G = 9.81
 
@@ -59,6 +60,47 @@ def test_a_rod_on_three_feet_tips_where_none_can_take_more(engine):
     assert set(opens[0].contacts) == {"left", "middle"} and opens[0].modes["right"] == "held"
     # about the right foot, 1 m from the base: the rod's weight acts at it, the force 1 m beyond, the post's ball at it
     assert opens[0].t == pytest.approx(0.1, abs=1e-9) and len(opens) == 1
+
+
+def bar(base, feet, more=(), **changes):
+    """A bar on a base, with feet at 1 and 1.5 m, and a load that grows at the last."""
+    rod = {"name": "rod", "rod": {"length": 1.0, "mass": 1.0}, "upper": {"length": 0.5, "motion": "fixed"}, "tip_mass": 0.5}
+    named = (("middle", "rod.rod_end"), ("right", "rod.tip"))
+    return vlmb.Scene.from_dict({
+        "base": {"mass": 2.0, **base}, "links": [rod], "start": {"z": 0.0, "psi1": 0.0},
+        "contacts": [*more, *({"name": name, "point": point, **feet} for name, point in named)],
+        "forces": [{"at": "rod.tip", "force": [0.0, 0.0, "-60*t"]}], "run": {**TIGHT, "duration": 1.5, "fall": False}, **changes,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
+@pytest.mark.parametrize("friction", [0.0, "rough"])
+def test_a_ski_carries_what_a_foot_in_its_place_would(engine, friction):
+    """The least loads of three supports are linear in their places; none of them opens, slips or is let go."""
+    ski = {"kind": "ski", "inertia": 0.5, "lift": True, **({"friction": 0.2, "hold": 0.5} if friction else {})}
+    run = vlmb.simulate(bar(ski, {"friction": friction}), engine=engine)
+    names, x = ("ski", "middle", "right"), np.array([0.0, 1.0, 1.5])
+    load, moment = 3.5 * G + 60.0 * run.t, 0.5 * G + 1.5 * (0.5 * G + 60.0 * run.t)
+    a, b = np.linalg.solve(np.array([[3.0, x.sum()], [x.sum(), (x * x).sum()]]), np.array([load, moment]))
+    found = np.array([run.reactions[name] for name in names])
+    assert not run.events and run.phases[0].closed == ("middle", "right", "ski") and len(run.phases) == 1
+    assert found[:, :, 2] == pytest.approx(a + b * x[:, None], abs=1e-7) and np.abs(found[:, :, :2]).max() < 1e-7
+    assert run.reactions["normal"] == pytest.approx(found[0, :, 2]) and np.abs(run["balance"]).max() < 1e-9
+    assert "share a load" in run.summary() and {at.state for entry in run.stretches for at in entry.footings} > {"resting"}
+    if engine == "core" and not friction:
+        foot = {"name": "instead", "point": "base", "friction": 0.0}
+        stands = vlmb.simulate(bar({"kind": "free"}, {"friction": 0.0}, [foot], constraints=["y = 0"]))
+        assert not stands.events and stands.reactions["instead"][:, 2] == pytest.approx(found[0, :, 2], abs=1e-7)
+
+
+def test_the_nearest_point_of_a_pyramid():
+    """What is left out pushes on no edge of it, and stands at a right angle on what is kept."""
+    draw, each = np.random.default_rng(5), (0.5, 1.3)
+    edges = np.array([[1.0, side * each[0], other * each[1]] for side in (-1.0, 1.0) for other in (-1.0, 1.0)])
+    for z in draw.normal(size=(200, 3)):
+        y = face_of(z, each) @ z
+        assert y[0] >= 0.0 and (np.abs(y[1:]) <= np.array(each) * y[0] + 1e-12).all()
+        assert (edges @ (z - y)).max() < 1e-12 and abs(y @ (z - y)) < 1e-12
 
 
 @pytest.mark.parametrize("engine", ["core", "pinocchio"])

@@ -370,6 +370,18 @@ def test_samples_are_handed_out_as_the_run_goes_on(base: Any, engine: str) -> No
 
 
 @pytest.mark.parametrize("engine", ["core", "pinocchio"])
+def test_samples_of_phases_are_handed_out_too(engine: str) -> None:
+    ball = {"base": {"kind": "free", "mass": 1.0}, "contacts": [{"point": "base", "restitution": 0.8}], "start": {"z": 1.0}}
+    parts: list[Any] = []
+    run = vlmb.simulate(ball, duration=1.5, engine=engine, watch=lambda *samples: parts.append(samples))
+    t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
+    before = np.flatnonzero(np.diff(run.t) == 0.0)  # at an event the sample after it is handed out
+    assert len(before) == len(run.events) > 1 and len(parts) > 2
+    for handed, kept in ((t, run.t), (q, run.q), (v, run.v)):
+        np.testing.assert_array_equal(handed, np.delete(kept, before, axis=0))
+
+
+@pytest.mark.parametrize("engine", ["core", "pinocchio"])
 def test_progress_is_told_the_time(engine: str) -> None:
     told: list[float] = []
     trajectory = vlmb.simulate(bent(PIVOT, 1), duration=0.3, progress=told.append, engine=engine)

@@ -271,6 +271,29 @@ def table(load: float, x: float, y: float, push: float = 0.0) -> tuple[Array, Ar
     return jacobian @ np.linalg.solve(mass, jacobian.T), jacobian @ np.linalg.solve(mass, force), contacts
 
 
+def test_a_skier_falls_on_hands_beside_the_ski() -> None:
+    """Two points that may slip any way and a ski that skids and slides: nine rows, of fewer velocities. Seventy bodies."""
+    for seed in range(70):
+        dice = np.random.default_rng(seed)
+        jacobian = dice.normal(size=(9, int(dice.integers(6, 10))))
+        v = jacobian @ dice.normal(size=jacobian.shape[1])
+        first, second, hold, along = dice.uniform([0.2, 0.2, 0.3, 0.05], [0.9, 0.9, 0.8, 0.2]).tolist()
+        ski = Contact(8, (Grip((6,), hold, hold), Grip((7,), along, along)))
+        contacts = [Contact(2, (Grip((0, 1), first, first),)), Contact(5, (Grip((3, 4), second, second),)), ski]
+        for row in (2, 5, 8):
+            if v[row] > 0.0 and dice.random() < 0.7:
+                jacobian[row], v[row] = -jacobian[row], -v[row]
+        found = answered(impact(jacobian @ jacobian.T, v, contacts))
+        np.testing.assert_allclose(jacobian @ (jacobian.T @ found.p) + v, found.v, atol=1e-11)
+        for normal, grips, _ in contacts:
+            push, away = found.p[normal], found.v[normal]
+            assert push >= 0.0 and away >= 0.0 and push * away < 1e-11, seed
+            for rows, most, slip, _ in grips:
+                pull, slides = found.p[list(rows)], found.v[list(rows)]
+                assert np.linalg.norm(pull) <= most * push + 1e-11, seed
+                assert pull @ slides == pytest.approx(-slip * push * np.linalg.norm(slides), abs=1e-10), seed
+
+
 def test_a_loaded_corner_lifts_no_foot() -> None:
     """Least norm alone would pull at the foot across; the least admissible reactions leave it at zero, and nothing opens."""
     g, a, contacts = table(1000.0, 0.49, 0.49)

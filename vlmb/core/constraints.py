@@ -252,7 +252,7 @@ def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
         size = 0.0
         for j in range(space.lines.shape[1]):
             size += space.lines[i, j] * space.lines[i, j]
-        if space.square[i, i] <= EMPTY * size:
+        if abs(space.square[i, i]) <= EMPTY * size:  # friction may make it negative
             bits |= bit(i)
             asked = max(asked, abs(space.solved[i, s]))
             for j in range(e):

@@ -106,7 +106,7 @@ def mass_matrix(mechanism: Mechanism, chart: VelocityMap, data: Any) -> Array:
     crba = pin.crba(mechanism.model, data, chart.q, pin.Convention.LOCAL)
     mass = chart.pull_back(chart.pull_back(crba).T)
     mass = 0.5 * (mass + mass.T)
-    if layout.base == "ski":
+    if layout.headed:
         unit = np.zeros(len(layout.names))
         unit[layout.index["phi0"]] = 1.0
         tau = pin.rnea(_weightless(mechanism), data, chart.q, np.zeros(layout.nv), chart.velocities(unit))
@@ -146,7 +146,7 @@ def coefficients(mechanism: Mechanism, chart: VelocityMap, data: Any, mass: Arra
     up = np.array([-math.sin(mechanism.scene.slope), 0.0, math.cos(mechanism.scene.slope)])
     weightless.gravity.linear = -up
     weight = chart.pull_back(pin.rnea(weightless, data, chart.q, np.zeros(layout.nv), np.zeros(layout.nv)))
-    if layout.base == "ski":  # on it gravity acts as a uniform acceleration of the surface does
+    if layout.headed:  # on it gravity acts as a uniform acceleration of the surface does
         weight[:3] = mass[:3, :2] @ up[:2]
     return Coefficients(found, heading, weight)
 

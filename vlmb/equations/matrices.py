@@ -19,6 +19,9 @@ from vlmb.model.layout import Layout
 from vlmb.model.mechanism import build
 from vlmb.model.names import tex_of
 from vlmb.scene.scene import Scene
+from vlmb.system.beginning import NEAR_AT_START
+from vlmb.system.contacts import STILL
+from vlmb.system.ski_contact import SKI
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 
@@ -47,20 +50,24 @@ def at_posture(
 ) -> EquationsOfMotion:
     """Return the equations of a scene at its start, changed by entries such as `psi1=1.2`, `phi1_dot=0.5`, `speed=8`.
 
+    A ski that may lift is on the snow where it stands there, and in the air above it.
+
     Raises SceneError naming what cannot be read.
     """
     mechanism = build(scene)
     start = consistent_start(make_system(mechanism))
     coordinates, rates = dict(start.coordinates), dict(start.rates)
-    ski = mechanism.layout.base == "ski"
-    if ski:  # the start's speed stays along the ski when the heading changes
+    given = mechanism.names.canonical(dict(_read(entry) for entry in changes), "--at")
+    ski = mechanism.layout.headed
+    if ski and ("speed" in given or _along(coordinates, rates)):  # the start's speed stays along the ski when the heading changes
         heading = coordinates["phi0"]
         rates["speed"] = rates.pop("x_dot") * math.cos(heading) + rates.pop("y_dot") * math.sin(heading)
-    given = mechanism.names.canonical(dict(_read(entry) for entry in changes), "--at")
-    if ski and ("x_dot" in given or "y_dot" in given):
-        del rates["speed"]
+    if "x_dot" in given or "y_dot" in given:
+        rates.pop("speed", None)
     for name, value in given.items():
         (rates if name.endswith("_dot") or (ski and name == "speed") else coordinates)[name] = value
+    if mechanism.layout.lifts and not closed and form == "full" and abs(coordinates["z"]) <= NEAR_AT_START:
+        closed = (SKI,)
     return equations_of_motion(mechanism, coordinates, rates, form, closed)
 
 
@@ -179,6 +186,12 @@ def latex(eom: EquationsOfMotion, blocks: Sequence[Table]) -> str:
                 lines.append(f"{shown} & " + " & ".join(_tex_number(value, tiny) for value in values[chosen]) + r" \\")
             lines += [r"\end{array}", r"\]"]
     return "\n".join([*lines, r"\end{document}"]) + "\n"
+
+
+def _along(coordinates: Mapping[str, float], rates: Mapping[str, float]) -> bool:
+    """Whether a ski moves along itself; one that may lift need not."""
+    across = rates["y_dot"] * math.cos(coordinates["phi0"]) - rates["x_dot"] * math.sin(coordinates["phi0"])
+    return abs(across) <= STILL * max(1.0, abs(rates["x_dot"]), abs(rates["y_dot"]))
 
 
 def _read(entry: str) -> tuple[str, float]:

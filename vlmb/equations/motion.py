@@ -28,6 +28,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.memory import make_data
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.names import listed
+from vlmb.system.ski_contact import SKI
 
 Array = NDArray[np.float64]
 
@@ -45,18 +46,21 @@ class Form(NamedTuple):
     rows: tuple[str, ...]  # of the base
     along: Array | None = None  # (2,)
     drift: Array | None = None  # (2,)
+    off: tuple[int, ...] = (0, 1)  # coordinates that are none of its own: x, y, and z of a ski on the snow
 
     def rates(self, velocities: Array) -> Array:
         """All rates (N_full,) of velocities (N,)."""
         if self.along is None:
             return velocities
-        return np.concatenate([self.along * velocities[0], velocities[1:]])
+        found = np.insert(velocities[1:], [at - k for k, at in enumerate(self.off)], 0.0)
+        found[:2] = self.along * velocities[0]
+        return found
 
     def reduce(self, rows: Array) -> Array:
         """Rows of the form (N, ...) from those of all coordinates (N_full, ...)."""
         if self.along is None:
             return rows
-        return np.concatenate([(self.along @ rows[:2])[None], rows[2:]])
+        return np.concatenate([(self.along @ rows[:2])[None], np.delete(rows, self.off, axis=0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +183,8 @@ class EquationsOfMotion(Remade):
         """Solve for the accelerations under generalized forces.
 
         The equations are those of the mechanism with its knife edge and nothing else: springs, forces, constraints and programme
-        of the scene are no part of them.
+        of the scene are no part of them. A ski that may lift is on the snow where `closed` names it: z'' = 0, and the normal
+        force is `F_z`.
 
         Parameters
         ----------
@@ -218,10 +223,12 @@ class EquationsOfMotion(Remade):
         if self.form == "full":
             return Form(names, self._kinds.base)
         cosine, sine = self._chart.heading
+        off = tuple(at for at, name in enumerate(names) if name in ("x", "y", "z"))
+        rest = tuple(name for at, name in enumerate(names) if at not in off)
         if self.form == "chaplygin":
             along, drift = np.array([1.0, sine / cosine]), np.array([0.0, 1.0 / cosine**2])
-            return Form(("x", *names[2:]), ("x", "phi0"), along, drift)
-        return Form(("speed", *names[2:]), ("speed", "phi0"), np.array([cosine, sine]), np.array([-sine, cosine]))
+            return Form(("x", *rest), ("x", "phi0"), along, drift, off)
+        return Form(("speed", *rest), ("speed", "phi0"), np.array([cosine, sine]), np.array([-sine, cosine]), off)
 
     @cached_property
     def _velocities(self) -> Array:
@@ -231,21 +238,21 @@ class EquationsOfMotion(Remade):
             return rates
         cosine, sine = self._chart.heading
         first = rates[0] if self.form == "chaplygin" else cosine * rates[0] + sine * rates[1]
-        return np.concatenate([[first], rates[2:]])
+        return np.concatenate([[first], np.delete(rates, self._reduction.off)])
 
     @cached_property
     def _system(self) -> LinearSystem:
         layout, full, at = self.mechanism.layout, np.diag(self._full_mass), self.mechanism.layout.index
         alike = {"speed": "x"} | {f"phi{i + 1}": f"psi{i + 1}" for i in range(len(layout.links))}
         inertias = full[[at[alike.get(name, name)] for name in self.names]]
-        edge = None
-        if layout.base == "ski" and self.form == "full":
+        edge, on_snow = None, layout.edged or (layout.lifts and SKI in self.closed)
+        if on_snow and self.form == "full":
             (cosine, sine), u, row = self._chart.heading, self._velocities, np.zeros(len(self.names))
             row[:2] = -sine, cosine
             edge = row, float(u[2] * (cosine * u[0] + sine * u[1]))
         return LinearSystem(
             layout, self.names, self.mass_matrix, self.bias, self._reduction.reduce, inertias, self.coordinates, edge,
-            self.mechanism.warnings,
+            self.mechanism.warnings, ("z",) if on_snow and "z" in self.names else (),
         )  # fmt: skip
 
     @property
@@ -269,20 +276,22 @@ def equations_of_motion(
     ----------
     coordinates : every coordinate by name [m, rad].
     rates : by name with `_dot` [m/s, rad/s]; missing ones are 0. A ski's `speed` may stand for x_dot and y_dot.
-    form : `full`, or on a ski also `chaplygin` or `speed`.
-    closed : contacts that hold, of the phase whose rows `phase` gives.
+    form : `full`, or on a ski also `chaplygin` or `speed`; of a ski that may lift these two are on the snow, without z.
+    closed : contacts that hold, of the phase whose rows `phase` gives; "ski" is one that may lift, on the snow.
 
     Raises SceneError naming a missing, unknown or non-finite coordinate and its link.
     """
     layout = mechanism.layout
-    if layout.lifts:
-        raise SceneError("equations of motion are there for a ski on the snow: set base.lift = false for them")
-    allowed = FORMS if layout.base == "ski" else FORMS[:1]
+    allowed = FORMS if layout.headed else FORMS[:1]
     if form not in allowed:
         where = "" if form not in FORMS else f" of a {layout.base!r} base"
         raise SceneError(f"unknown form {form!r}{where}; allowed: {', '.join(allowed)}")
     posture = complete_posture(mechanism, coordinates)
-    return EquationsOfMotion(mechanism, posture, all_rates(mechanism, posture, rates or {}), form, tuple(closed))
+    moving = all_rates(mechanism, posture, rates or {})
+    if layout.lifts and form != "full" and (posture["z"] or moving["z_dot"]):
+        off = f"z = {posture['z']:g} m, z_dot = {moving['z_dot']:g} m/s"
+        raise SceneError(f"form {form!r} is that of a ski on the snow: {off}; set both to 0, or take form = 'full'")
+    return EquationsOfMotion(mechanism, posture, moving, form, tuple(closed))
 
 
 def complete_posture(mechanism: Mechanism, coordinates: Mapping[str, float]) -> dict[str, float]:

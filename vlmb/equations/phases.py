@@ -22,6 +22,7 @@ from vlmb.scene.rows import rows_of
 from vlmb.system.constraints import ConstraintSet
 from vlmb.system.contacts import HELD, PLAIN, ContactPoint, Footing
 from vlmb.system.frames import LinkFrames
+from vlmb.system.ski_point import SkiPoint
 from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]
@@ -42,10 +43,13 @@ class PhaseRows:
 def phase_rows(
     mechanism: Mechanism, coordinates: Mapping[str, float], rates: Mapping[str, float], chart: VelocityMap, closed: Sequence[str]
 ) -> PhaseRows:
-    """Return the rows of the phase in which these contacts are closed and hold. Raises SceneError for names."""
+    """Return the rows of the phase in which these contacts are closed and hold. Raises SceneError for names.
+
+    Of a ski that may lift these are the snow's: z = 0, and its knife edge.
+    """
     names = mechanism.layout.names
     system = make_system(mechanism)
-    points = {point.name: point for point in system.points if type(point) is ContactPoint}
+    points = {point.name: point for point in system.points if type(point) is ContactPoint or isinstance(point, SkiPoint)}
     for name in closed:
         if name not in points:
             raise SceneError(f"closed: no contact {name!r:.80}; {nearest(name, points)}")
@@ -54,7 +58,9 @@ def phase_rows(
     frames.update(state.q)
     footings = []
     for point in system.points:
-        if point.name in closed:
+        if point.name in closed and isinstance(point, SkiPoint):
+            footings.append(Footing(HELD))  # along itself it slides: friction is a force
+        elif point.name in closed:
             place = _place(point, frames, state, branch)
             footings.append(point.footing_at(HELD, 0.0, place, mechanism.scene.plane))
         else:
@@ -82,6 +88,8 @@ def phase_rows(
 
 def _axes(point: ContactPoint, size: int) -> list[str]:
     """Name what the rows of a held contact hold."""
+    if isinstance(point, SkiPoint):
+        return ["normal", "knife_edge"]
     normal = PLAIN.get(point.contact.surface.strip())
     if normal is None:
         return ["normal", "across", "aside"][:size]

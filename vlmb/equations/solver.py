@@ -41,6 +41,7 @@ class LinearSystem:
     coordinates: Mapping[str, float]
     edge: tuple[Array, float] | None  # knife edge: row (N,) and row @ a
     warnings: tuple[str, ...]
+    still: tuple[str, ...] = ()  # coordinates that the snow holds
 
 
 def condition_number(matrix: Array) -> float:
@@ -83,6 +84,7 @@ def _known(system: LinearSystem, known: Mapping[str, float]) -> dict[int, float]
         if name not in allowed:
             raise SceneError(f"known accelerations: {name!r} cannot be given; {nearest(name, allowed)}")
         given[system.names.index(name)] = finite(f"known acceleration of {name}", value)
+    given |= {system.names.index(name): 0.0 for name in system.still}
     for coordinate in layout.coordinates:
         name = coordinate.name
         if coordinate.kind == "xi" and segment_of(layout, coordinate).motion == "prescribed" and name not in known:

@@ -77,9 +77,19 @@ class Layout(Remade):
     lifts: bool = False  # whether the base is a ski that may leave the snow
 
     @property
+    def headed(self) -> bool:
+        """Whether the base itself turns, by a heading phi0 about the surface's normal: a ski does."""
+        return self.base == "ski"
+
+    @property
+    def on_snow(self) -> bool:
+        """Whether the base is carried by snow, which pushes and holds an edge: a ski is."""
+        return self.base == "ski"
+
+    @property
     def edged(self) -> bool:
         """Whether the base is a ski whose knife edge holds always."""
-        return self.base == "ski" and not self.lifts
+        return self.on_snow and not self.lifts
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -101,6 +101,11 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         return with_values(self, {"start": start, "links": links})
 
     @property
+    def on_snow(self) -> bool:
+        """Whether the base is a ski."""
+        return self.base.kind == "ski"
+
+    @property
     def surface_gravity(self) -> tuple[float, float, float]:
         """Gravity in the surface frame [m/s^2]: g (sin slope, 0, -cos slope)."""
         return (self.gravity * math.sin(self.slope), 0.0, -self.gravity * math.cos(self.slope))

@@ -66,7 +66,7 @@ class Motion:
         layout = self.system.mechanism.layout
         if self.engine == "core":
             q, v = pinocchio_states(self.postures)
-            if layout.base == "ski" and self.system.knife_edge == "reduction":
+            if layout.on_snow and self.system.knife_edge == "reduction":
                 v[:, SIDEWAYS] = 0.0  # its knife edge is crossed out, not computed
         else:
             q, v = self.states[:, : layout.nq], self.states[:, layout.nq : layout.nq + layout.nv]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures
@@ -14,11 +15,12 @@ from vlmb.scene.rows import rows_of
 from vlmb.simulation.histories import forces_along
 from vlmb.simulation.phases import Stretch
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import AWAY, CLOSED, STANDING, ContactPoint
+from vlmb.system.contacts import AWAY, CLOSED, STANDING
 from vlmb.system.frames import LinkFrames
 from vlmb.system.legs import LegPoint
-from vlmb.system.sharing import Foot, least_shares
-from vlmb.system.slips import force_of, motion_of
+from vlmb.system.sharing import Foot, foot_of, least_shares
+from vlmb.system.ski_contact import ski_frame
+from vlmb.system.slips import force_of, heading_at, motion_of
 from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
 
@@ -64,17 +66,12 @@ def _in_phase(
             for i, t in enumerate(taken[0].tolist()):
                 forces[i] = force_of(point, footing, t, places[i], speeds[i], multipliers[i], tuple(headings[i].tolist()))
         reactions[point.name] = read_only(forces[:, 0] if isinstance(point, StopPoint) else forces)
-        if point.edge is None:
-            continue
-        left = np.column_stack([-headings[:, 1], headings[:, 0]])
-        known = {"knife_edge": (forces[:, :2] * left).sum(axis=1), "friction": (forces[:, :2] * headings).sum(axis=1)}
-        reactions |= {name: read_only(values) for name, values in {**known, "normal": forces[:, 2]}.items()}
-        if footing.state not in CLOSED:
-            reactions |= dict.fromkeys(("roll_moment", "pitch_moment"), read_only(np.zeros(len(forces))))
     nowhere = read_only(np.full(len(taken[0]), np.nan))
     pairs = zip(system.points, stretch.footings, strict=True)
-    if sum(footing.state in CLOSED and type(point) is ContactPoint for point, footing in pairs) > 1:
+    if sum(footing.state in CLOSED and point.shares for point, footing in pairs) > 1:
         reactions |= _shared_out(phase, stretch, taken, reactions)
+    if system.points[-1].edge is not None:
+        reactions |= _of_snow(reactions[system.points[-1].name], seen.heading[own], stretch.footings[-1].state in CLOSED)
     kept = {row.name: (nowhere, nowhere) for row in rows_of(system.mechanism.scene).servo}  # of programmes that do not act
     kept |= {name: values for name, values in found["residuals"].items() if name not in texts}
     acting = {*(phase.programme.names if phase.programme else ()), *(channel.name for channel in phase.forces.named)}
@@ -82,6 +79,15 @@ def _in_phase(
     found["controls"] |= {name: read_only(np.zeros(len(nowhere))) for name in {*found["controls"]} - acting}
     shown = {name: values for name, values in reactions.items() if name not in texts}
     return found | {"reactions": shown, "residuals": kept}
+
+
+def _of_snow(forces: Array, heading: Array, closed: bool) -> dict[str, Array]:
+    """Return the parts of the force (N, 3) of the snow on a ski that may lift; in the air its moments are 0."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y, normal = forces.T
+    found = {"knife_edge": c * y - s * x, "friction": c * x + s * y, "normal": normal}
+    found |= {} if closed else dict.fromkeys(("roll_moment", "pitch_moment"), np.zeros(len(forces)))
+    return {name: read_only(values) for name, values in found.items()}
 
 
 def _shared_out(
@@ -92,7 +98,7 @@ def _shared_out(
     Nothing where the forces are determined.
     """
     plane, pairs = phase.mechanism.scene.plane, zip(phase.points, stretch.footings, strict=True)
-    closed = [(point, footing) for point, footing in pairs if footing.state in CLOSED and type(point) is ContactPoint]
+    closed = [(point, footing) for point, footing in pairs if footing.state in CLOSED and point.shares]
     axes = [0, 2] if plane else [0, 1, 2]
     places = ConstraintSet(phase.mechanism, [(f"{p.names[axis]} = 0", "contacts", True) for p, _ in closed for axis in axes])
     frames, found = LinkFrames(phase.mechanism), {p.name: np.array(reactions[p.name]) for p, _ in closed}
@@ -101,23 +107,25 @@ def _shared_out(
         seen = places.evaluate(frames, t, q, v, branch)
         jacobian = seen.jacobian.copy()
         jacobian[:, phase.prescribed_dofs] = 0.0
-        turn, feet = np.zeros((len(jacobian), len(jacobian))), list[Foot]()
+        turns, feet, last = list[Array](), list[Foot](), -1
         for k, (point, footing) in enumerate(closed):
-            own, place = slice(len(axes) * k, len(axes) * (k + 1)), np.zeros(3)
-            place[axes] = seen.z[own]
-            frame = point.frame(t, place, plane, footing)[0]
-            frame = frame[[0, 2]][:, axes] if plane else frame
-            turn[own, own] = frame
-            last, way = own.stop - 1, frame[:-1] @ np.array(footing.towards)[axes]
-            slide = tuple((-point.coefficient * way).tolist()) if point.slides(footing) else ()
-            feet.append(Foot((last, *range(own.start, last)), 0.0 if point.smooth else point.at_rest, slide))
-        if i == 0 and np.linalg.matrix_rank(turn @ jacobian, tol=SHARED) == len(jacobian):
+            place = np.zeros(3)
+            place[axes] = seen.z[len(axes) * k : len(axes) * (k + 1)]
+            frame, _ = point.frame(t, place, plane, footing)
+            if point.edge is not None:
+                frame = ski_frame(heading_at(q))[[0, 1, 2] if point.edge.friction else [0, 2]]
+            frame = frame[[0, 2]] if plane else frame
+            last += len(frame)
+            feet.append(foot_of(point, footing, frame, last))
+            turns.append(frame[:, axes])
+        turn = block_diag(*turns)
+        if i == 0 and np.linalg.matrix_rank(turn @ jacobian, tol=SHARED) == len(turn):
             return {}
         forces = np.concatenate([found[p.name][i, axes] for p, _ in closed])
         shares = least_shares(turn @ jacobian, jacobian.T @ forces, feet)
-        for k, (point, _) in enumerate(() if shares is None else closed):
-            own = slice(len(axes) * k, len(axes) * (k + 1))
-            found[point.name][i, axes] = turn[own, own].T @ np.asarray(shares)[own]
+        forces = forces if shares is None else turn.T @ shares
+        for k, (point, _) in enumerate(closed):
+            found[point.name][i, axes] = forces[len(axes) * k : len(axes) * (k + 1)]
     return {name: read_only(values) for name, values in found.items()}
 
 

@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 
 SLIDES = 1e-6  # [m/s] along rough ground that counts as sliding at a start
 MANY, SPAN = 1000, 0.1  # more events within so many seconds end a run
+BESIDE = 1e-6  # of what a normal force does to its contact: what is left of it beside Painleve's paradox
 
 
 class PhasedRun(LegSteps):
@@ -45,10 +46,10 @@ class PhasedRun(LegSteps):
     def __init__(
         self, system: System, run: Run, y: Array, times: Array, breaks: Sequence[float], start: float, bounds: Array,
         branch: Sequence[float], control: Control | None, progress: Callable[[float], None] | None = None,
-        longest: float = np.inf, until: str = "",
+        longest: float = np.inf, until: str = "", hand: Callable[[Array, Array, float], None] | None = None,
     ) -> None:  # fmt: skip
         super().__init__(system, y, start, branch, control)
-        self.options, self.until = run, until
+        self.options, self.until, self.hand = run, until, hand
         self.times, self.breaks, self.bounds, self.tell, self.longest = times, breaks, bounds, progress, longest
         self.stretches: list[Stretch] = []
         self.events: list[Event] = []
@@ -115,7 +116,8 @@ class PhasedRun(LegSteps):
             self.y = np.array(loop.driver.point)
             if status != "switched":
                 self._keep(told=True)
-                return status, message
+                self.t = loop.t
+                return status, message + (self._beside_paradox(out.footings) if status == "failed" else "")
             assert loop.hit is not None
             self.t = loop.t
             try:
@@ -126,6 +128,24 @@ class PhasedRun(LegSteps):
             doubled = out.event is not None
             self._keep(told=doubled or bool(out.sentence))
             self.turns.append(self._turned(loop.hit, out))
+
+    def _beside_paradox(self, footings: tuple[Footing, ...]) -> str:
+        """Name a contact that slides where friction takes all that its normal force pushes it out with, if there is one."""
+        self.standing = footings
+        for k, (point, at) in enumerate(zip(self.points, footings, strict=True)):
+            if at.state != SLIDING or not point.contact.slips or point.edge is not None:
+                continue
+            frame, matrix = self._frame(k), self._without_forces(self.y).matrix[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+            own = frame @ matrix @ frame.T
+            left = float(own[-1, -1] - point.coefficient * own[-1, :-1] @ (frame[:-1] @ np.array(at.towards)))
+            if abs(left) < BESIDE * own[-1, -1]:
+                angle = self._angle_to(point)
+                told = f" at {angle:.4g} rad" if angle is not None else ""
+                return (
+                    f"; contact {point.name!r}{told}: with friction {point.coefficient:g} its force grows without bound there, "
+                    "beside where none is admissible (Painleve); take a smaller friction"
+                )
+        return ""
 
     def _turned(self, hit: Watched, out: Outcome) -> Turn:
         """Return how a run goes on after the event of a contact."""
@@ -147,7 +167,9 @@ class PhasedRun(LegSteps):
         mover = self._next(out.footings, told)
         breaks = [at for at in self.breaks if at >= self.t]
         goes = (self.t, self.bounds, self.tell, self.longest)
-        loop = Loop(mover, self.options, out.y, times, breaks, *goes, slides_on=self._slides_on)
+        give, began = self.hand, self.began
+        hand = None if give is None else (lambda t, states: give(t, states, began))
+        loop = Loop(mover, self.options, out.y, times, breaks, *goes, hand, self._slides_on)
         self.begun, self.mover = (mover, loop, out.footings), mover
         return mover, loop
 
@@ -250,7 +272,7 @@ class PhasedRun(LegSteps):
         self.standing = footings
         forces = self._forces(mover.look_at_contacts(self.t, self.y), footings)
         weight = max([self.weight, *(abs(force[2]) for force in forces.values())])
-        if hit.name == SLIPS and self.points[c].edge is None and c in forces and forces[c][2] <= LIGHT * weight:
+        if hit.name == SLIPS and c in forces and forces[c][2] <= LIGHT * weight:
             hit = hit._replace(name=OPENS)  # nothing is left of its force: it lifts, and does not slip
         before, (hit, stand, landing, lost) = footings, self._with_legs(hit, footings)
         footings = tuple(stand)

@@ -13,17 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vlmb.core.contacts import SLOW
 from vlmb.model.frozen import read_only
 from vlmb.scene.by_phase import acting, goes_by_phase
 from vlmb.scene.names import listed
 from vlmb.simulation.phases import Event
 from vlmb.simulation.resting import Resting, Strikes, ends_now
 from vlmb.system.cone import Answer, Contact, Refusal, impact, modes
-from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, ContactPoint, Footing
+from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, Footing
 from vlmb.system.events import BOUNCES, OPENS, SLIPS, STICKS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.probe import Answers
-from vlmb.system.sharing import Foot, carrying, let_go
+from vlmb.system.sharing import carrying, carrying_again, foot_of, let_go
 from vlmb.system.ski_contact import ALONG
 
 Array = NDArray[np.float64]
@@ -73,6 +74,10 @@ class Settling(Resting):
         y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
         found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
+        if hit is not None and hit.name == STICKS and STILL < float(np.linalg.norm(approach[hit.which][:-1])) < SLOW:
+            y = self._halted(hit.which, y, found, footings, frames)
+            found = self._without_forces(y)
+            approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
         strikes = [
             k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
@@ -84,7 +89,7 @@ class Settling(Resting):
         taking = [k for k in near if footings[k].state in CLOSED or approach[k][-1] <= (fast if ends else STILL)]
         told: dict[str, Any] = {}
         if any(approach[k][-1] < 0.0 for k in taking):  # rows that were held are a little off, too
-            struck, impact_told, refusal = self._impact(found, taking, frames, approach)
+            struck, impact_told, refusal = self._impact(y, found, taking, frames, approach)
             if refusal and strikes:
                 return Outcome(footings, self.y, None, refusal)
             y, told = (y if refusal else struck), (impact_told if strikes else {})  # without strikes it only mends what is off
@@ -124,6 +129,15 @@ class Settling(Resting):
         shared, _ = self._carried_by_others(y, tuple(after), resting, frames, set())
         return Outcome(shared or tuple(after), y, event, "", happened)
 
+    def _halted(
+        self, c: int, y: Array, found: Answers, footings: Sequence[Footing], frames: Mapping[int, Array]
+    ) -> Array:  # fmt: skip
+        """Return the state in which a contact that has stopped along its last direction has none of the others left."""
+        closed = {k: footings[k].state for k in frames if footings[k].state in (HELD, SLIDING)}
+        ways = {k: np.array(footings[k].towards) for k in closed}
+        stops = {c: HELD} if self.points[c].edge is None else {}
+        return self._stopped(y, found, frames, closed | stops, ways)[0]
+
     def _with_stops(self, told: Mapping[str, Any], stops: Array, lost: float, left: float) -> dict[str, Any]:
         """Return what is told of an impact that is the last one taken of those that would end in a time [s]."""
         impulses = dict(told.get("impulses", {}))
@@ -142,22 +156,16 @@ class Settling(Resting):
         on them are let go, too
         """
         closed = [k for k in among if footings[k].state in CLOSED]
-        if len(closed) < 2 or any(type(self.points[k]) is not ContactPoint for k in closed):
+        if len(closed) < 2 or not all(self.points[k].shares for k in closed):
             return None, set()
         found = self._under_forces(y, frozenset(self.points[k].name for k in closed))
         turn, rows = self._problem(closed, frames)
         a = np.concatenate([self._local(found.jets[k], k, frames[k], 2) for k in closed])
-        feet = {}
-        for k, (normal, (across,)) in zip(closed, rows, strict=True):
-            at, point = footings[k], self.points[k]
-            if at.state == SLIDING:
-                way = frames[k][:-1] @ np.array(at.towards)
-                ratio = 0.0 if point.smooth else point.coefficient
-                feet[k] = Foot((normal, *across), ratio, tuple((-ratio * way).tolist()))
-            else:
-                feet[k] = Foot((normal, *across), point.at_rest)
+        feet = {k: foot_of(self.points[k], footings[k], frames[k], rows[at][0]) for at, k in enumerate(closed)}
         g = turn @ found.matrix @ turn.T
         carry = carrying(g, a, feet, light, LIGHT * self.weight)
+        if carry is None and light:  # with others than now they may well carry
+            carry = carrying(g, a, feet, (), LIGHT * self.weight)
         if carry is None:
             rests = [k for k in closed if footings[k].state == RESTING]
             return None, let_go(g, feet, [k for k in closed if k not in light and k not in rests], rests)
@@ -166,7 +174,7 @@ class Settling(Resting):
             if k not in carry:
                 after[k] = footings[k]._replace(state=RESTING)
             elif footings[k].state == RESTING:
-                after[k] = self.points[k].footing_at(HELD, self.t, found.jets[k, :3, 0], self.plane)
+                after[k] = carrying_again(self.points[k], footings[k], self.t, found.jets[k, :3, 0], self.plane)
         return tuple(after), set()
 
     def _happened(
@@ -210,7 +218,7 @@ class Settling(Resting):
         return Event(self.t, kind, self.points[first].name, involved, modes=MappingProxyType(mode), several=self.several, **told)
 
     def _impact(
-        self, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
+        self, y: Array, found: Answers, taking: Sequence[int], frames: Mapping[int, Array], before: Mapping[int, Array]
     ) -> tuple[Array, dict[str, Any], str]:
         """Return the state after an impact, what is told of it, and a sentence where there is none."""
         turn, rows = self._problem(taking, frames)
@@ -222,12 +230,12 @@ class Settling(Resting):
             shaped.append(Contact(normal, grips, self.points[k].contact.restitution))
         answer = impact(matrix, v, shaped)
         if isinstance(answer, Refusal):
-            return self.y, {}, self._why_not(answer, taking, "impact")
+            return y, {}, self._why_not(answer, taking, "impact")
         self.several = self.several or answer.several
         jammed = self._jammed(answer, taking)
         if jammed:
-            return self.y, {}, jammed
-        y, lost = self._pushed(self.y, found, taking, frames, answer.p, v, answer.v)
+            return y, {}, jammed
+        struck, lost = self._pushed(y, found, taking, frames, answer.p, v, answer.v)
         scale = 0.5 * float(np.abs(answer.p) @ (np.abs(answer.v) + np.abs(v)))
         if lost < -GAIN * scale:
             names = listed([self.points[k].name for k in taking])
@@ -235,10 +243,10 @@ class Settling(Resting):
                 "with friction, restitution may give back more than there was, with one value for all contacts too (Kane's "
                 "paradox); take a smaller restitution, or less friction"
             )
-            return self.y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
+            return y, {}, f"the impact of {names} would raise the kinetic energy by {-lost:.3g} J: {why}"
         p = turn.T @ answer.p
         named = {self.points[k].name: read_only(p[3 * k : 3 * k + 3]) for k in taking if np.any(p[3 * k : 3 * k + 3])}
-        return y, {"impulses": MappingProxyType(named), "lost": lost}, ""
+        return struck, {"impulses": MappingProxyType(named), "lost": lost}, ""
 
     def _modes(
         self, y: Array, resting: Sequence[int], frames: Mapping[int, Array], speeds: Mapping[int, Array],

@@ -181,14 +181,15 @@ def run_system(
         bounds = watched(longest_steps(mechanism.scene, t0, end), mechanism.scene, t0, end, system.until is not None)
         began, used = time.perf_counter(), time.thread_time()
 
-        def hand(t: Array, states: Array) -> None:
+        def hand(t: Array, states: Array, phase: float = 0.0) -> None:
             assert watch is not None
-            watch(t, *Motion(system, mover.name, t, mover.stored(t, states), np.array(begin.branch)).pinocchio)
+            watch(t, *Motion(system, mover.name, t, mover.stored(t, states), np.array(begin.branch), phase).pinocchio)
 
         longest = math.inf if control is None else 1.0 / run.samples
         loop: Loop | PhasedRun
         if system.points:
-            loop = PhasedRun(system, run, y, times, breaks, t0, bounds, begin.branch, control, progress, longest, asked)
+            goes = (begin.branch, control, progress, longest, asked)
+            loop = PhasedRun(system, run, y, times, breaks, t0, bounds, *goes, hand if watch else None)
         else:
             loop = Loop(mover, run, y, times, breaks, t0, bounds, progress, longest, hand if watch else None)
         interrupts.answer()

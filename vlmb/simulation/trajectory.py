@@ -42,7 +42,7 @@ from vlmb.simulation.pressure import centre_of_pressure, contacts_named
 from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
-from vlmb.system.contacts import HELD, ContactPoint, work_names_of
+from vlmb.system.contacts import HELD, RESTING, ContactPoint, work_names_of
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -223,7 +223,7 @@ class Trajectory(Remade, Displayed):
         left side - right side. Of a contact, a leg and a ski that lifts ("ski") it is the force (N, 3) [N] on the mechanism in
         the surface frame, of a stop that along its length.
         """
-        snow = tuple(SNOW) if self.mechanism.layout.base == "ski" else ()
+        snow = tuple(SNOW) if self.mechanism.layout.on_snow else ()
         snow += ("friction",) if self.scene.base.friction or self.scene.base.lift else ()
         ideal = tuple(row.name for row in rows_of(self.scene).ideal)
         ideal += tuple(point.name for point in self.system.points) if self.stretches else ()
@@ -264,7 +264,7 @@ class Trajectory(Remade, Displayed):
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Constraint errors by name or equation; `knife_edge` is the sideways velocity of the ski [m/s]."""
-        edge = ("knife_edge",) if self.mechanism.layout.base == "ski" else ()
+        edge = ("knife_edge",) if self.mechanism.layout.on_snow else ()
         return Named("residual", (*edge, *self._equations), self._residual)
 
     @cached_property
@@ -278,7 +278,7 @@ class Trajectory(Remade, Displayed):
             heading = self["phi0"]
             sideways = -self["x_dot"] * np.sin(heading) + self["y_dot"] * np.cos(heading)
             for stretch in self.stretches if self.mechanism.layout.lifts else ():
-                if stretch.footings[-1].state != HELD:  # nothing holds it in the air, or while it skids
+                if stretch.footings[-1].state not in (HELD, RESTING):  # nothing holds it in the air, or while it skids
                     sideways[stretch.first : stretch.last] = np.nan
             return Residual(None, read_only(sideways))
         position, velocity = self._evaluations["residuals"][name]

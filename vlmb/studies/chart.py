@@ -24,13 +24,15 @@ from vlmb.errors import SceneError, StudyError
 from vlmb.model.names import DOT
 from vlmb.model.quantities import QuantityTable
 from vlmb.model.reading import read_along
+from vlmb.studies.standing import in_phase
 from vlmb.studies.symmetry import place_axes, symmetries, turned
 from vlmb.system import events
+from vlmb.system.beginning import start_in_phase
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.jets import Numbers, as_numbers, atan2, cos, derivatives, hypot, sin, sqrt
 from vlmb.system.replay import Replay, lifted
-from vlmb.system.start import Start, consistent_start
+from vlmb.system.start import Start
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -56,14 +58,12 @@ class Chart:
     def __init__(self, system: System, start: Start, t: float = 0.0, like: Chart | None = None) -> None:
         if system.engine != "core":
             raise StudyError('this needs the core: leave run.engine at "auto"')
-        if system.mechanism.layout.lifts:
-            raise StudyError("this is there for a ski on the snow: set base.lift = false for it")
         engine = make_engine(system, start.branch)
         assert isinstance(engine, CoreEngine)
         self.system, self.engine, self.t, self.start = system, engine, t, start
         self.replay = Replay(engine)
         self.layout, self.arrays = system.mechanism.layout, system.core_plan.arrays
-        self.kind = int(self.arrays.tree.shape[columns.BASE_KIND])
+        self.sideways = int(self.arrays.tree.shape[columns.BASE_KIND]) in (columns.SLIDING, columns.LIFTED)
         self.first = self.arrays.positions
         self.origin = engine.pack(start.state)
         self.values = np.array(start.branch)
@@ -74,7 +74,7 @@ class Chart:
         self.symmetric: tuple[bool, ...] = (
             symmetries(system, engine, self.origin, self.values, t) if like is None else like.symmetric
         )
-        self.reference = self._reference_link() if self.symmetric[3] and self.layout.base != "ski" else -1
+        self.reference = self._reference_link() if self.symmetric[3] and not self.layout.headed else -1
         self.positions = self._position_entries()
         self.velocities = self._velocity_entries()
 
@@ -98,12 +98,12 @@ class Chart:
     @property
     def turning(self) -> bool:
         """Whether the heading, or the azimuth of a link, is divided out."""
-        return self.symmetric[3] and (self.layout.base == "ski" or self.reference >= 0)
+        return self.symmetric[3] and (self.layout.headed or self.reference >= 0)
 
     def _position_entries(self) -> list[Entry]:
         names = self.layout.names
         found = [Entry("xyz"[k], "place", axis=k) for k in place_axes(self.layout) if not self.symmetric[k]]
-        if self.layout.base == "ski" and not self.turning:
+        if self.layout.headed and not self.turning:
             found.append(Entry("phi0", "heading"))
         for i, link in enumerate(self.layout.links):
             found += self._direction_entries(i, link.name)
@@ -125,11 +125,12 @@ class Chart:
 
     def _velocity_entries(self) -> list[Entry]:
         found: list[Entry] = []
-        if self.layout.base == "ski":
+        if self.layout.headed:
             found.append(Entry("speed", "speed", scale=max(1.0, abs(self._velocity(0)))))
-            if self.kind == columns.SLIDING:
+            if self.sideways:
                 found.append(Entry("sideways", "sideways"))
             found.append(Entry(f"phi0{DOT}", "heading"))
+            found += [Entry(f"z{DOT}", "place", axis=2)] if self.layout.lifts else []
         else:
             found += [Entry(f"{'xyz'[k]}{DOT}", "place", axis=k) for k in place_axes(self.layout)]
         for entry in self._shape_of_all():
@@ -156,12 +157,14 @@ class Chart:
         places = {(e.kind, e.link, e.axis): value for e, value in zip(self.positions, x[:count].tolist(), strict=True)}
         rates = {(e.kind, e.link, e.axis): value for e, value in zip(self.velocities, x[count:].tolist(), strict=True)}
         w = self.first
-        if self.layout.base == "ski":
-            for k in (0, 1):
-                y[k] = places.get(("place", -1, k), 0.0)
+        if self.layout.headed:
+            for k in place_axes(self.layout):
+                y[self._at(k)] = places.get(("place", -1, k), 0.0)
             y[2] = places.get(("heading", -1, 0), 0.0)
-            speeds = [rates["speed", -1, 0], *([rates["sideways", -1, 0]] if self.kind == columns.SLIDING else [])]
+            speeds = [rates["speed", -1, 0], *([rates["sideways", -1, 0]] if self.sideways else [])]
             y[w : w + len(speeds) + 1] = *speeds, rates["heading", -1, 0]
+            if self.layout.lifts:
+                y[w + 3] = rates["place", -1, 2]
         elif self.layout.base == "free":
             for k in place_axes(self.layout):
                 y[k], y[w + k] = places.get(("place", -1, k), 0.0), rates["place", -1, k]
@@ -186,7 +189,7 @@ class Chart:
             da, db = rates["across", i, 0], rates["across", i, 1]
             return (a, b, up), (da, db, -(a * da + b * db) / up)
         phi, psi = places.get(("azimuth", i, 0), 0.0), places["elevation", i, 0]
-        if self.layout.plane and self.layout.base == "ski" and not self.arrays.upright:
+        if self.layout.plane and self.layout.headed and not self.arrays.upright:
             phi = places.get(("heading", -1, 0), 0.0)
         turning, climbing = rates.get(("azimuth", i, 0), 0.0), rates["elevation", i, 0]
         cp, sp, ce, se = cos(phi), sin(phi), cos(psi), sin(psi)
@@ -200,8 +203,12 @@ class Chart:
             y = turned(self.arrays, y, self._turn_of(self.origin) - self._turn_of(y))
         for k in place_axes(self.layout):
             if self.symmetric[k]:
-                y[k] = self.origin[k]
+                y[self._at(k)] = self.origin[self._at(k)]
         return y
+
+    def _at(self, axis: int) -> int:
+        """Where a place stands in a state; the rate of z as well."""
+        return 3 if axis == 2 and self.layout.headed else axis
 
     def numbers(self, y: Array) -> Array:
         """Return the numbers x (n,) of a core's state, counted from the heading, or the azimuth, that is divided out."""
@@ -275,11 +282,11 @@ class Chart:
         speeds = {(e.kind, e.link, e.axis): v for e, v in zip(self.velocities, x[count:].tolist(), strict=True)}
         turning: Any = 0.0
         if self.turning:
-            turning = speeds["heading", -1, 0] if self.layout.base == "ski" else speeds["azimuth", self.reference, 0]
+            turning = speeds["heading", -1, 0] if self.layout.headed else speeds["azimuth", self.reference, 0]
         found: list[Any] = []
         for e in self.positions:
             if e.kind == "place":
-                found.append(dy[e.axis])
+                found.append(dy[self._at(e.axis)])
             elif e.kind == "azimuth":
                 found.append(speeds["azimuth", e.link, 0] - turning)
             elif e.kind == "across":
@@ -291,10 +298,10 @@ class Chart:
             if e.kind in ("speed", "sideways"):
                 found.append(dy[w + (e.kind == "sideways")])
             elif e.kind == "heading":
-                found.append(dy[w + (2 if self.kind == columns.SLIDING else 1)])
+                found.append(dy[w + (2 if self.sideways else 1)])
             elif e.kind == "place":
                 other = y[w + 1 - e.axis] if e.axis < 2 and self.turning else 0.0
-                found.append(dy[w + e.axis] + turning * (other if e.axis == 0 else -other))
+                found.append(dy[w + self._at(e.axis)] + turning * (other if e.axis == 0 else -other))
             elif e.kind == "length":
                 found.append(dy[self.arrays.length_at(e.link, e.axis)[1]])
             else:
@@ -314,7 +321,7 @@ class Chart:
         if e.kind == "across":
             return bend[e.axis] + turning * (u[1] if e.axis == 0 else -u[0])
         if self.layout.plane:
-            heading = 0.0 if self.arrays.upright or self.layout.base != "ski" else y[2]
+            heading = 0.0 if self.arrays.upright or not self.layout.headed else y[2]
             ahead = cos(heading) * d[0] + sin(heading) * d[1]
             along = cos(heading) * bend[0] + sin(heading) * bend[1]
             return ahead * bend[2] - d[2] * along
@@ -344,7 +351,7 @@ class Chart:
 
     def _turn_of(self, y: Numbers) -> Any:
         """Return the heading, or the azimuth of the link that stands for it."""
-        if self.layout.base == "ski":
+        if self.layout.headed:
             return y[2]
         d = self._core_direction(self.reference, y, y)[0]
         return atan2(d[1], d[0]) + math.pi * (math.cos(self.elevation(self.reference)) < 0.0)
@@ -357,5 +364,6 @@ class Chart:
 
 
 def chart_at(system: System, start: Start | None = None) -> Chart:
-    """Make the chart around a start, the consistent one of the scene where none is given."""
-    return Chart(system, start or consistent_start(system))
+    """Make the chart around a start, the consistent one of the scene where none is given, in the phase in which it stands."""
+    start = start or start_in_phase(system, 0.0)
+    return Chart(in_phase(system, start), start)

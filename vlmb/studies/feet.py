@@ -14,6 +14,7 @@ from vlmb.model.names import DOT
 from vlmb.scene.scene import Scene
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.system.contacts import Footing, contact_points
+from vlmb.system.ski_contact import NORMAL_ROW, SKI
 from vlmb.system.start_rows import RowSet, row_sets
 from vlmb.system.system import make_system
 
@@ -42,7 +43,7 @@ class Feet:
         moving = [name for name in values if name not in free and name.removesuffix(DOT) not in prescribed]
         self.places = [name for name in moving if not name.endswith(DOT) and name != "speed"]
         self.rates = [name for name in moving if name.endswith(DOT) or name == "speed"]
-        self.ski = mechanism.layout.base == "ski"
+        self.ski = "speed" in values
 
     def follow(self, values: Values) -> Values:
         """Return a start with what is not free moved as little as rows ask for. Raises StudyError where they cannot hold."""
@@ -98,4 +99,4 @@ def _feet(mechanism: Mechanism, begun: Trajectory) -> list[str]:
                 continue
             moving = f" + {speed!r}*t" if speed else ""
             found.append(f"{name} = {float(begun[name][0])!r}{moving}")
-    return found
+    return [*found, NORMAL_ROW] if SKI in phase.closed else found

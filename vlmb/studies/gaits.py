@@ -24,6 +24,7 @@ from vlmb.studies.derivatives import jacobian
 from vlmb.studies.feet import Feet
 from vlmb.studies.runs import tightened
 from vlmb.studies.shooting import HELD, multipliers_of, shoot, stability_of
+from vlmb.system.contacts import HELD as HELD_FAST
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
 
@@ -124,8 +125,6 @@ class _Step:
         mechanism = build(self.scene)
         if not isinstance(mechanism, Mechanism):
             raise StudyError("find_gait is there for scenes of links alone, not for robots")
-        if mechanism.layout.lifts:
-            raise StudyError("find_gait is there for a ski on the snow: set base.lift = false for it")
         self.mechanism = mechanism
         event, named, expression = read_until(mechanism, until)
         fell = f" s: {expression.text} fell through 0." if expression is not None else ""
@@ -133,8 +132,9 @@ class _Step:
         first = consistent_start(make_system(mechanism))
         self.prescribed = set(first.followed)
         self.values: Values = {**first.coordinates, **first.rates}
-        self.ski = scene.base.kind == "ski"
-        if self.ski:
+        begun = self._begun()
+        self.ski = mechanism.layout.edged or (mechanism.layout.lifts and begun.stretches[0].footings[-1].state == HELD_FAST)
+        if self.ski:  # its edge takes it along itself
             self.values[SPEED] = _speed(self.values)
             del self.values[f"x{DOT}"], self.values[f"y{DOT}"]
         self.free = self._free(free)
@@ -146,7 +146,7 @@ class _Step:
                 mechanism.names.find(name, "hold")
         self.guess = np.array([self.values[name] for name in self.free])
         self.scales = np.clip(np.abs(self.guess), SMALLEST, LARGEST)
-        self.feet = Feet(self.mechanism, self.values, self.free, self.prescribed, self._begun())
+        self.feet = Feet(self.mechanism, self.values, self.free, self.prescribed, begun)
 
     def _free(self, free: Sequence[str]) -> tuple[str, ...]:
         if isinstance(free, str) or not free:

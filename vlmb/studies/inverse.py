@@ -26,14 +26,18 @@ from vlmb.scene.recorded import as_samples, require_ascending
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Smooth
 from vlmb.simulation.named import Named
+from vlmb.simulation.phases import Stretch
 from vlmb.simulation.trajectory import Trajectory, versions
+from vlmb.system.beginning import NEAR_AT_START
 from vlmb.system.constrained import SIDEWAYS
+from vlmb.system.contacts import HELD, STILL, Footing
 from vlmb.system.pace import require_data
 from vlmb.system.prescribed import prescribed_segments
 from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 TIMES = ("time", "t")  # names of the times
+ALONG, UP = 0, 3  # velocities of a ski
 
 
 def inverse(
@@ -42,7 +46,8 @@ def inverse(
     """Return the motion that was measured, with the generalized forces that it needs beyond the scene's own in `controls`.
 
     Every coordinate is smoothed by a quintic spline, as measured data of a scene are; `adjustments` tell how. Along a ski's
-    edge nothing is asked of the forces on x and y: the snow gives it. `work` is integrated from the powers at the samples.
+    edge nothing is asked of the forces on x and y: the snow gives it. A ski that may lift is on the snow where `z` is 0 or left
+    out, in the air where it is above. `work` is integrated from the powers at the samples.
 
     Parameters
     ----------
@@ -57,8 +62,10 @@ def inverse(
     began, used = clock.perf_counter(), clock.thread_time()
     mechanism = scene if isinstance(scene, Mechanism) else build(scene)
     _refuse_rows(mechanism.scene)
-    free = [c for c in mechanism.layout.coordinates if not _is_prescribed(mechanism, c)]
-    times, signals = _measured(mechanism, free, data, smooth, gap)
+    time, known = _columns(mechanism, data)
+    on_snow = mechanism.layout.lifts and _stays_down(known)
+    free = [c for c in mechanism.layout.coordinates if not (_is_prescribed(mechanism, c) or (on_snow and c.kind == "z"))]
+    times, signals = _curves(free, time, known, smooth, gap)
     times = times[(times >= max(s.span[0] for s in signals)) & (times <= min(s.span[1] for s in signals))]
     if len(times) < FEWEST:
         raise SceneError(f"inverse: the coordinates have {len(times)} times in common; {FEWEST} are needed at least")
@@ -66,7 +73,8 @@ def inverse(
     run = msgspec.structs.replace(mechanism.scene.run, engine="pinocchio", knife_edge="reduction")
     system = make_system(mechanism, run, inputs=[force_along(c) for c in free])
     motion = _motion(mechanism, free, signals, times)
-    states, forces = _forces(system, free, times, motion)
+    footings = _footings(system, times, motion, on_snow)
+    states, forces = _forces(system, free, times, motion, footings)
     span = f"t = {times[0]:.6g} to {times[-1]:.6g} s"
     made = Trajectory(
         mechanism, times, states, "pinocchio", forces, system.forces.inputs or (), motion[0], run, "finished",
@@ -76,6 +84,7 @@ def inverse(
             "rhs_evaluations": 2 * len(times), "steps": 0, "engine": "pinocchio",
         },
         versions(), float(times[0]),
+        stretches=(Stretch(float(times[0]), float(times[-1]), footings, 0, len(times)),) if mechanism.layout.lifts else (),
     )  # fmt: skip
     made.__dict__["system"] = system
     needed, whole = dict(zip(made.input_names, made.inputs.T, strict=True)), made.controls
@@ -87,7 +96,7 @@ def inverse(
 
 
 def _refuse_rows(scene: Scene) -> None:
-    if scene.contacts or scene.base.lift:
+    if scene.contacts:
         raise SceneError("inverse: what contacts push is not told from the forces asked for; give a scene without them")
     if scene.constraints:
         raise SceneError(
@@ -102,10 +111,8 @@ def _is_prescribed(mechanism: Mechanism, c: Coordinate) -> bool:
     return c.kind == "xi" and segment_of(mechanism.layout, c).motion == "prescribed"
 
 
-def _measured(
-    mechanism: Mechanism, free: Sequence[Coordinate], data: Any, smooth: Any, gap: float
-) -> tuple[Array, list[Signal]]:
-    """Return the times and a curve through every free coordinate."""
+def _columns(mechanism: Mechanism, data: Any) -> tuple[Any, dict[str, Any]]:
+    """Return the times and the samples by name."""
     if isinstance(data, Mapping):
         columns = dict(data)
     elif hasattr(data, "columns") and hasattr(data, "index"):
@@ -117,10 +124,46 @@ def _measured(
     time = next((columns.pop(name) for name in TIMES if name in columns), None)
     if time is None:
         raise SceneError("data: needs `time` [s], the times of the samples")
-    known = mechanism.names.canonical({name: values for name, values in columns.items() if isinstance(name, str)}, "data")
+    return time, mechanism.names.canonical({name: values for name, values in columns.items() if isinstance(name, str)}, "data")
+
+
+def _stays_down(known: Mapping[str, Any]) -> bool:
+    """Whether a ski that may lift is on the snow in all samples, or in none. Raises SceneError for what is both."""
+    if "z" not in known:
+        return True
+    values = np.array(as_samples(known["z"], "data.z"), float)
+    down = np.abs(values[~np.isnan(values)]) <= NEAR_AT_START
+    if down.any() and not down.all():
+        raise SceneError(
+            "data.z: the ski leaves the snow or lands, where velocities jump and smooth curves tell no forces; give flights and "
+            "what is on the snow by themselves (on the snow z may be left out)"
+        )
+    return bool(down.all())
+
+
+def _footings(system: System, times: Array, motion: tuple[Array, Array, Array], on_snow: bool) -> tuple[Footing, ...]:
+    """Return how contacts stand. Raises SceneError for a ski with friction that does not slide one way."""
+    footings, at = [Footing(since=float(times[0])) for _ in system.points], system.mechanism.layout.index
+    if on_snow:
+        heading, mu = motion[0][:, at["phi0"]], system.mechanism.scene.base.friction
+        speed = motion[1][:, at["x"]] * np.cos(heading) + motion[1][:, at["y"]] * np.sin(heading)
+        if mu and not (np.all(speed > STILL) or np.all(speed < -STILL)):
+            raise SceneError(
+                "inverse: friction under a ski that stands or turns back is not told from the forces asked for; give samples in "
+                "which it goes one way, or friction = 0"
+            )
+        towards = mu * float(np.sign(speed[0]))
+        footings[-1] = Footing(HELD, since=float(times[0]), towards=(towards, 0.0, 0.0))
+    return tuple(footings)
+
+
+def _curves(
+    free: Sequence[Coordinate], time: Any, known: Mapping[str, Any], smooth: Any, gap: float
+) -> tuple[Array, list[Signal]]:
+    """Return the times and a curve through every free coordinate."""
     missing = [c.name for c in free if c.name not in known]
     if missing:
-        hint = nearest(missing[0], [name for name in known if name not in mechanism.layout.index])
+        hint = nearest(missing[0], [name for name in known if name not in {c.name for c in free}])
         wanted = ", ".join(c.name for c in free)
         raise SceneError(f"data: lacks {', '.join(missing)}: every free coordinate is needed, {wanted}; {hint}")
     times = require_ascending(as_samples(time, "data.time"), "data.time")
@@ -161,13 +204,15 @@ def _motion(
 
 
 def _forces(
-    system: System, free: Sequence[Coordinate], times: Array, motion: tuple[Array, Array, Array]
+    system: System, free: Sequence[Coordinate], times: Array, motion: tuple[Array, Array, Array], footings: Sequence[Footing]
 ) -> tuple[Array, Array]:
     """Return the states (N, size) with the work done, and the forces (N, S) on the free coordinates.
 
     Q = S' (M v' + bias - what the scene gives), less what the snow gives across the ski.
     """
-    mechanism, layout, workspace = system.mechanism, system.mechanism.layout, system.workspace()
+    mechanism, layout = system.mechanism, system.mechanism.layout
+    workspace = (system.phase(footings) if layout.lifts else system).workspace()
+    held = layout.edged or (layout.lifts and footings[-1].state == HELD)
     names, at, data = layout.names, [layout.index[c.name] for c in free], make_data(mechanism.model)
     works = len(system.work_names)
     states, forces, powers = np.zeros((len(times), system.size)), np.zeros((len(times), len(free))), np.zeros((len(times), works))
@@ -176,13 +221,15 @@ def _forces(
         q, v = make_state(layout, posture, {f"{name}_dot": rate for name, rate in zip(names, rates.tolist(), strict=True)})
         chart = VelocityMap(mechanism, posture, data)
         vdot = chart.velocities(seconds) + chart.products(rates)
-        if layout.base == "ski":
+        if held:
             v[SIDEWAYS] = vdot[SIDEWAYS] = 0.0
         y = np.concatenate([q, v, np.zeros(works)])
         own = workspace.evaluate(t, y, values.tolist(), [0.0] * len(free)).tau
         lacking = pin.rnea(mechanism.model, data, q, v, vdot) - own
-        if layout.base == "ski":
+        if held:
             lacking[SIDEWAYS] = 0.0
+        if held and layout.lifts:  # friction goes by the normal force
+            lacking[ALONG] += footings[-1].towards[0] * lacking[UP]
         forces[k] = chart.pull_back(lacking)[at]
         now = workspace.evaluate(t, y, values.tolist(), forces[k].tolist())
         powers[k] = [now.powers[name] for name in system.work_names]

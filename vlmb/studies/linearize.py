@@ -15,17 +15,16 @@ from vlmb.model.mechanism import build
 from vlmb.scene.names import listed
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
-from vlmb.studies.modes import SIZE, Mode, mode_about
+from vlmb.studies.modes import GROWS, SIZE, Mode, mode_about
+from vlmb.studies.standing import footings_of
 from vlmb.studies.steady import Steady, refuse_time
-from vlmb.system.beginning import refuse_contacts
-from vlmb.system.forces import StateView
+from vlmb.system.beginning import start_in_phase
 from vlmb.system.jets import derivatives
-from vlmb.system.start import Start, consistent_start
+from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
-GROWS = 1e-8  # of the largest eigenvalue: a growth that is some
 FLAT = 1e-9  # singular values over the largest that are none
 STEPS, LOOSE = (1e-5, 1e-6), 1e-5  # in units of a coordinate; relative difference at which derivatives are refused
 ALIKE = 9  # decimals of the largest eigenvalue, to which two are told apart
@@ -96,9 +95,9 @@ def linearize(
     """Linearize the equations of motion around a steady motion, or around a state of a scene.
 
     Symmetries are divided out as `steady` does: azimuths and directions are counted from the heading. Positions are those that
-    rows of positions leave, velocities those that all rows leave. With a programme A is that of the closed loop. Contact and
-    friction stay as they are at this state. Azimuth and elevation are the coordinates of a link; near the pole the horizontal
-    components of its direction, `legs.direction.x`.
+    rows of positions leave, velocities those that all rows leave. With a programme A is that of the closed loop. Contacts and
+    friction stay as they are at this state: feet that hold and a ski on the snow are rows. Azimuth and elevation are the
+    coordinates of a link; near the pole the horizontal components of its direction, `legs.direction.x`.
 
     Parameters
     ----------
@@ -106,8 +105,8 @@ def linearize(
     rates : the same
     controls : forces by name whose effect is B, added to whatever acts; default: those of the programme
 
-    Raises SceneError for laws of time, unknown forces and contacts that touch, StudyError on a switch, or where the equations are
-    not smooth.
+    Raises SceneError for laws of time, unknown forces and contacts that strike, StudyError on a switch, or where the equations
+    are not smooth.
     """
     if isinstance(what, Steady):
         if coordinates is not None or rates is not None:
@@ -134,18 +133,15 @@ def linearize(
 
 
 def _chart(scene: Scene, given: Mapping[str, float]) -> Chart:
-    """Make the chart around a state of a scene in which no contact touches."""
+    """Make the chart around a state of a scene, in the phase in which it stands."""
     system = make_system(build(scene))
-    start = _start(system, given)
-    view = StateView(system.mechanism, 0.0, system.mechanism.postures(start.state), start.branch, start.state)
-    refuse_contacts(system, view)
-    return chart_at(system, start)
+    return chart_at(system, _start(system, given))
 
 
 def _start(system: System, given: Mapping[str, float]) -> Start:
     """Return the state that is meant, as given: rows are not repaired where everything is."""
     names = system.mechanism.names
-    start = consistent_start(system)
+    start = start_in_phase(system, 0.0)
     plain = names.canonical(given, "linearize")
     known = {**start.coordinates, **start.rates}
     for name in plain:
@@ -196,9 +192,9 @@ def _picked(matrix: Array, rows: Sequence[int]) -> tuple[list[int], Array]:
 
 def _pushes(scene: Scene, like: Chart, names: Sequence[str]) -> Array:
     """Return what unit forces add to the rates of a chart's numbers (n, controls); a programme does not see them."""
-    plain = scene.changed(programme=None)
-    system = make_system(build(plain), inputs=list(names) or None)
-    chart = Chart(system, like.start, like=like)
+    plain = scene.changed(programme=None, programmes=None)
+    system, footings = make_system(build(plain), inputs=list(names) or None), footings_of(like.system)
+    chart = Chart(system.phase(footings) if footings else system, like.start, like=like)
     return chart.pushes()
 
 

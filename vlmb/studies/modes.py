@@ -16,6 +16,7 @@ from vlmb.studies.chart import Chart
 
 Array = NDArray[np.float64]
 
+GROWS = 1e-8  # of the largest eigenvalue: a growth that is some
 SIZE = 0.3  # [rad], or of a length: the largest deviation that is shown
 TURNS, SAMPLES, USUAL = 3, 60, 2.0  # periods that are shown, samples in each, and how long one takes that does not swing [s]
 SHORT, LONG = 0.2, 10.0  # [s] periods that are shown as they are
@@ -47,6 +48,7 @@ class Mode:
         if self.label:
             return f"mode {self.number}: {self.label}"
         rate, turning = self.value.real, abs(self.value.imag)
+        rate *= abs(rate) > GROWS * max(1.0, abs(self.value))
         grows = f"grows with {rate:.3g} 1/s" if rate > 0.0 else f"decays with {-rate:.3g} 1/s" if rate < 0.0 else "stays"
         return f"mode {self.number}: {grows}" + (f", swings with {turning:.3g} rad/s" if turning else "")
 

@@ -14,12 +14,14 @@ from vlmb.errors import SceneError, StudyError, VlmbError, finite
 from vlmb.model.mechanism import build
 from vlmb.model.names import DOT
 from vlmb.model.reading import read_along
-from vlmb.scene.names import listed
+from vlmb.scene.names import PHASE_START, listed
 from vlmb.scene.scene import Scene, as_scene
 from vlmb.studies.chart import Chart, chart_at
+from vlmb.studies.standing import in_phase, standing
 from vlmb.system.jets import Numbers, as_numbers, derivatives
 from vlmb.system.pace import laws_of
-from vlmb.system.system import make_system
+from vlmb.system.start import Start
+from vlmb.system.system import System, make_system
 
 Array = NDArray[np.float64]
 
@@ -104,6 +106,7 @@ def steady(
             f"no steady motion near this start: {worst} stays at {residual:.3g}; begin nearer to one (guess), hold other "
             "quantities, or there is none"
         )
+    _refuse_other_phase(scene, chart.system, _chart_around(chart, x).start)
     matrix = derivatives(lambda at: np.concatenate(chart.equations(at)), x)
     coordinates, rates = named_at(chart, x)
     return Steady(scene, coordinates, rates, residual, _rank(matrix), len(x), dict(hold))
@@ -111,7 +114,7 @@ def steady(
 
 def refuse_time(scene: Scene) -> None:
     """Raise SceneError for a scene with laws of time: no motion of it is steady."""
-    timed = [str(root.text) for root in laws_of(scene) if root.names & {"t", *_signals(scene)}]
+    timed = [str(root.text) for root in laws_of(scene) if root.names & {"t", PHASE_START, *_signals(scene)}]
     if timed:
         raise SceneError(f"the law {timed[0]!r} depends on time: there is no steady motion; see vlmb.periodic")
 
@@ -148,7 +151,7 @@ def _refuse_unknown(chart: Chart, hold: Mapping[str, float]) -> None:
         if name != RADIUS:
             names.find(name, "hold")
             continue
-        if scene.base.kind != "ski":
+        if not scene.on_snow:
             raise SceneError("hold: radius is that of a ski's turn; this scene has none")
         if scene.slope:
             raise SceneError("hold: radius: on a slope no turn is steady; set slope = 0")
@@ -176,6 +179,18 @@ def named_at(chart: Chart, x: Array) -> tuple[dict[str, float], dict[str, float]
         dict(zip(names, values[0].tolist(), strict=True)),
         {f"{name}{DOT}": rate for name, rate in zip(names, rates[0].tolist(), strict=True)},
     )
+
+
+def _refuse_other_phase(scene: Scene, system: System, start: Start) -> None:
+    """Raise StudyError where contacts do not stand as they did at the start of the search."""
+    if system.contacts is None:
+        return
+    asked, found = standing(system), standing(in_phase(make_system(build(scene)), start))
+    if found != asked:
+        raise StudyError(
+            f"a steady motion with contacts as at the start ({listed(asked)}) is none that they allow: there they would be "
+            f"{listed(found)}; begin in another phase, or hold other quantities"
+        )
 
 
 def _holding(chart: Chart, hold: Mapping[str, float]) -> Held:

@@ -125,7 +125,7 @@ def _require_names(scene: Scene, kept: Sequence[Kept], histories: Sequence[str])
     names = {*mechanism.names.known, *mechanism.signals}
 
     def others() -> list[str]:
-        snow = [*SNOW, "friction", "knife_edge"] if scene.base.kind == "ski" else []
+        snow = [*SNOW, "friction", "knife_edge"] if scene.on_snow else []
         rows = rows_of(scene)
         return list(dict.fromkeys([*snow, *(row.name for row in (*rows.ideal, *rows.servo)), *make_system(mechanism).work_names]))
 

@@ -30,14 +30,14 @@ def symmetries(system: System, engine: CoreEngine, origin: Array, values: Array,
     """Tell whether nothing depends on x, y, z, and on the heading, near a state; `values` (N,) are its coordinates."""
     layout = system.mechanism.layout
     found = [k in place_axes(layout) and _alike(system, engine, origin, values, t, 0.0, k) for k in range(3)]
-    level = system.mechanism.scene.slope == 0.0 and (layout.base == "ski" or not layout.plane)
+    level = system.mechanism.scene.slope == 0.0 and (layout.headed or not layout.plane)
     return (*found, level and _alike(system, engine, origin, values, t, TURN, -1))
 
 
 def place_axes(layout: Layout) -> list[int]:
     """Return the axes along which a base moves."""
-    if layout.base == "ski":
-        return [0, 1]
+    if layout.headed:
+        return [0, 1, 2] if layout.lifts else [0, 1]
     if layout.base == "free":
         return [0, 2] if layout.plane else [0, 1, 2]
     return []
@@ -47,9 +47,11 @@ def turned(arrays: Arrays, y: Numbers, angle: Any, shift: Sequence[float] = (0.0
     """Return a state of the core moved as a whole: turned about the vertical through the origin, then shifted."""
     y, w, c, s = np.array(y), arrays.positions, cos(angle), sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    if arrays.layout.base == "ski":
+    if arrays.layout.headed:
         y[:2] = turn[:2, :2] @ y[:2] + np.array(shift[:2])
         y[2] += angle
+        if arrays.layout.lifts:
+            y[3] += shift[2]
     elif arrays.layout.base == "free":
         y[:3] = turn @ y[:3] + np.array(shift)
         y[w : w + 3] = turn @ y[w : w + 3]
@@ -77,7 +79,7 @@ def _alike(
             continue
         tried += 1
         back = turned(arrays, there, -angle)
-        if arrays.layout.base == "ski":
+        if arrays.layout.headed:
             back[2] = there[2]  # the rate of the heading is none of a place
         if np.abs(back - here).max() > ALIKE * max(1.0, float(np.abs(here).max())):
             return False

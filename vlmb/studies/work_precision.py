@@ -86,7 +86,7 @@ class Measured:
 def variants(scene: Scene, methods: Sequence[str] | None = None) -> list[Variant]:
     """List every method, on a ski with every form of the knife edge."""
     forms: list[tuple[str, float | None]] = [("reduction", None)]
-    if scene.base.kind == "ski":
+    if scene.on_snow:
         forms += [*(("multiplier", gain) for gain in GAINS), ("projection", None)]
     return [Variant(find_method(method).name, *form) for form in forms for method in (methods or METHODS)]
 
@@ -96,7 +96,7 @@ def observe(trajectory: Trajectory) -> Motion:
     layout, size = trajectory.mechanism.layout, len(trajectory)
     points, directions, forces = [], [], []
     zero = np.zeros(size)
-    if layout.base == "ski":
+    if layout.headed:
         points.append(np.column_stack([trajectory["x"], trajectory["y"], zero]))
         directions.append(np.column_stack([np.cos(trajectory["phi0"]), np.sin(trajectory["phi0"]), zero]))
         forces += [np.column_stack([zero, trajectory.reactions["knife_edge"], trajectory.reactions["normal"]])]

@@ -26,7 +26,7 @@ def next_branch(
     on its way through it; `angled` are the links whose angles matter. Leaves the frames at q, unless in a plane.
     """
     layout, found, time = frames.layout, list(branch), math.inf
-    if layout.base == "ski":
+    if layout.headed:
         found[2] += math.remainder(math.atan2(q[3], q[2]) - found[2], math.tau)
     if layout.plane:
         return found, time

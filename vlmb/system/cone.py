@@ -28,6 +28,7 @@ from vlmb.system.cone_problem import (
     Array,
     Contact,
     Directions,
+    Frame,
     Grip,
     Mode,
     Problem,
@@ -83,10 +84,14 @@ def _solve(g: Array, b: Array, contacts: Sequence[Contact], *, rough_limit: bool
     every = _modes(problem.contacts, rough_limit)
     free = sum(0.0 < grip.slip < math.inf and grip.sliding is None for contact in contacts for grip in contact.grips)
     best: Answer | None = None
+    pressed = False
     for thorough in (False, True):
         for found in _found(problem, every, free, thorough):
+            if not rough_limit and _is_pressed(problem, found):
+                pressed = True  # the least push aside grows at once: what may happen instead does
+                continue
             if best is None:
-                best = found
+                best = found._replace(several=pressed)
             elif not _equal(best, found, problem):
                 return best._replace(several=True)
             if free == 0 or free > FEW:  # smooth or rough ground makes a convex problem: one answer
@@ -140,11 +145,32 @@ def _modes(contacts: Sequence[Contact], rough_limit: bool) -> list[Mode]:
     return sorted(itertools.product(*choices), key=key)
 
 
-def _refusal(problem: Problem) -> Refusal:
-    """Say why no mode is admissible, from what is left of G once ideal rows are held."""
+def _is_pressed(problem: Problem, found: Answer) -> bool:
+    """Whether friction presses a contact that slips down more than its normal force pushes it out (Painleve).
+
+    The force that keeps it on its surface all the same grows with how deep it is: no such motion lasts.
+    """
+    held: Array | None = None
+    for contact, slips in zip(problem.contacts, found.slipping, strict=True):
+        push = float(found.p[contact.normal])
+        rows = [row for grip, goes in zip(contact.grips, slips, strict=True) if goes for row in grip.rows]
+        if push > 0.0 and np.any(found.p[rows]):
+            held = _held(problem)[0] if held is None else held
+            if held[contact.normal, contact.normal] + float(held[contact.normal, rows] @ found.p[rows]) / push <= 0.0:
+                return True
+    return False
+
+
+def _held(problem: Problem) -> tuple[Array, Frame, Array]:
+    """Return what is left of G once ideal rows are held, with these and the inverse of their part."""
     frame = frame_of(problem, (None,) * len(problem.contacts), {})
     inverse = inverse_of(problem, frame)
-    held = problem.g - problem.g[:, frame.rows] @ inverse @ problem.g[frame.rows]
+    return problem.g - problem.g[:, frame.rows] @ inverse @ problem.g[frame.rows], frame, inverse
+
+
+def _refusal(problem: Problem) -> Refusal:
+    """Say why no mode is admissible, from what is left of G once ideal rows are held."""
+    held, frame, inverse = _held(problem)
     free = problem.b - problem.g[:, frame.rows] @ (inverse @ problem.b[frame.rows])
     if np.any(np.abs(free[frame.rows]) > 1e-9 * np.max(np.abs(problem.b), initial=0.0)):
         return Refusal("rows")

@@ -1,4 +1,4 @@
-"""A guess of modes: alternating directions on the cones, as far as it takes to see who opens, sticks and slips."""
+"""A guess of modes, as far as it takes to see who opens, sticks and slips: by alternating directions on the cones, or in turn."""
 
 from __future__ import annotations
 
@@ -7,22 +7,75 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vlmb.system.cone_problem import Array, Directions, Mode, Problem
+from vlmb.system.cone_problem import Array, Directions, Grip, Mode, Problem
 
 SHORT, LONG = 1000, 20_000  # steps
+ROUNDS = 2000  # of all contacts in turn
 CLOSE = 1e-9
 ZERO = 1e-6  # parts of the largest below this are zero
 
 
 def likely(problem: Problem) -> Iterator[tuple[Mode, Directions]]:
-    """Yield modes and directions of slipping that may be the answer, again after more steps; of one grip each, at rest.
+    """Yield modes and directions of slipping that may be the answer, again after more steps."""
+    grips = [grip for contact in problem.contacts for grip in contact.grips]
+    single = all(len(contact.grips) == 1 for contact in problem.contacts)
+    if single and not any(grip.sliding is not None for grip in grips):
+        yield from _alternating(problem, grips)
+    else:
+        yield _in_turn(problem)
+
+
+def _in_turn(problem: Problem) -> tuple[Mode, Directions]:
+    """Return a guess for contacts of any grips, of which some slide already: each in turn is given what it needs by itself."""
+    g, b, p = problem.g, problem.b, np.zeros(problem.b.size)
+    of_contacts = {row for k in problem.contacts for row in (k.normal, *(row for grip in k.grips for row in grip.rows))}
+    ideal = [row for row in range(p.size) if row not in of_contacts and g[row, row] > 0.0]
+    least = [[float(np.trace(g[np.ix_(grip.rows, grip.rows)])) for grip in contact.grips] for contact in problem.contacts]
+    for _ in range(ROUNDS):
+        before = p.copy()
+        for row in ideal:
+            p[row] -= (g[row] @ p + b[row]) / g[row, row]
+        for contact, sizes in zip(problem.contacts, least, strict=True):
+            n = contact.normal
+            if g[n, n] > 0.0:
+                p[n] = max(p[n] - (g[n] @ p + b[n]) / g[n, n], 0.0)
+            for grip, size in zip(contact.grips, sizes, strict=True):
+                rows = list(grip.rows)
+                if grip.sliding is not None:
+                    p[rows] = -grip.slip * p[n] * np.array(grip.sliding)
+                elif size > 0.0:
+                    pull = p[rows] - (g[rows] @ p + b[rows]) / size
+                    most, across = (grip.hold * p[n] if p[n] > 0.0 else 0.0), float(np.linalg.norm(pull))
+                    p[rows] = pull if across <= most else pull * (0.0 if p[n] == 0.0 else grip.slip * p[n] / across)
+        if np.linalg.norm(p - before) <= CLOSE * np.linalg.norm(p):
+            break
+    return _read(problem, p, g @ p + b)
+
+
+def _read(problem: Problem, p: Array, v: Array) -> tuple[Mode, Directions]:
+    largest = ZERO * float(np.max(np.abs(p), initial=0.0))
+    fastest = ZERO * max((float(np.abs(v[list(grip.rows)]).max()) for k in problem.contacts for grip in k.grips), default=0.0)
+    mode: list[tuple[bool, ...] | None] = []
+    directions: Directions = {}
+    for k, contact in enumerate(problem.contacts):
+        slips = []
+        for j, grip in enumerate(contact.grips):
+            across = v[list(grip.rows)]
+            speed = float(np.linalg.norm(across))
+            if speed > 0.0:
+                directions[k, j] = across / speed
+            free = grip.hold == 0.0 or grip.sliding is not None
+            slips.append(free or (speed > fastest and not math.isinf(grip.slip)))
+        mode.append(None if p[contact.normal] <= largest else tuple(slips))
+    return tuple(mode), directions
+
+
+def _alternating(problem: Problem, grips: list[Grip]) -> Iterator[tuple[Mode, Directions]]:
+    """Yield guesses for contacts of one grip each, at rest.
 
     Split p = z with z in the cones, scaled multiplier u; -rho u is the velocity with de Saxce's term slip |v_t| on the normal,
     by which Coulomb's law is a complementarity of cones (Acary and Cadoux).
     """
-    grips = [contact.grips[0] for contact in problem.contacts if len(contact.grips) == 1]
-    if len(grips) < len(problem.contacts) or any(grip.sliding is not None for grip in grips):
-        return
     size = problem.b.size  # one more place, always zero, is the second tangent of contacts in a plane
     rows = np.array([(k.normal, *grip.rows, size)[:3] for k, grip in zip(problem.contacts, grips, strict=True)])
     slopes = np.array([grip.slip for grip in grips])
@@ -46,12 +99,12 @@ def likely(problem: Problem) -> Iterator[tuple[Mode, Directions]]:
         if max(primal, dual) < CLOSE * max(float(np.linalg.norm(z)), 1e-300):
             break
         if step == SHORT:
-            yield _read(problem, z, -rho * u, rows)
+            yield _read(problem, z[:size], -rho * u[:size])
         if step % 20 == 19 and not 0.1 < primal / max(dual, 1e-300) < 10.0:
             factor = 3.0 if primal > dual else 1.0 / 3.0
             rho *= factor
             u /= factor
-    yield _read(problem, z, -rho * u, rows)
+    yield _read(problem, z[:size], -rho * u[:size])
 
 
 def _project(q: Array, rows: Array, slopes: Array) -> Array:
@@ -67,18 +120,3 @@ def _project(q: Array, rows: Array, slopes: Array) -> Array:
             factor = slope * along / across if across > 0.0 else 0.0
             found[one], found[two] = factor * q[one], factor * q[two]
     return found
-
-
-def _read(problem: Problem, z: Array, v: Array, rows: Array) -> tuple[Mode, Directions]:
-    largest = ZERO * float(np.max(np.abs(z[rows]), initial=0.0))
-    fastest = ZERO * float(np.max(np.abs(v[rows]), initial=0.0))
-    mode: list[tuple[bool, ...] | None] = []
-    directions: Directions = {}
-    for k, contact in enumerate(problem.contacts):
-        n, tangents = contact.normal, list(contact.grips[0].rows)
-        speed = float(np.linalg.norm(v[tangents]))
-        if speed > 0.0:
-            directions[k, 0] = v[tangents] / speed
-        slips = contact.grips[0].hold == 0.0 or (speed > fastest and not math.isinf(contact.grips[0].slip))
-        mode.append(None if z[n] <= largest else (slips,))
-    return tuple(mode), directions

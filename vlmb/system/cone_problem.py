@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.system.least_reactions import RANK, Part, least
+from vlmb.system.least_reactions import RANK, least, part_of
 
 Array = NDArray[np.float64]
 
@@ -138,8 +138,7 @@ def rank_lacks(problem: Problem, frame: Frame) -> bool:
 def least_of(problem: Problem, frame: Frame) -> Array | None:
     """Return the least p in a mode's cones by which its rows vanish; None if the cones hold none.
 
-    Unknowns are scaled so that their squares add up to those of p. A normal force that bounds more than one grip stands once for
-    each, and equations make these equal.
+    Unknowns are scaled so that their squares add up to those of p.
     """
     diagonal = np.diag(problem.g)[frame.rows]
     weights = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -151,26 +150,13 @@ def least_of(problem: Problem, frame: Frame) -> Array | None:
         hold = problem.contacts[k].grips[j].hold
         if not math.isinf(hold):
             bounded[k].append((hold, unknowns))
-    columns, parts, equal = [moved[:, n] for n in range(count)], [], []
+    columns, parts = [moved[:, n] for n in range(count)], []
     shapes = [frame.columns[:, n] for n in range(count)]
     for k, first in frame.normals.items():
-        copies = max(1, len(bounded[k]))
-        weight = float(np.linalg.norm(shapes[first])) * math.sqrt(copies)
+        weight = float(np.linalg.norm(shapes[first]))
         columns[first], shapes[first] = columns[first] / weight, shapes[first] / weight
-        firsts = [first]
-        for _ in range(copies - 1):
-            firsts.append(len(columns))
-            equal.append((first, len(columns)))
-            columns.append(columns[first])
-            shapes.append(shapes[first])
-        if not bounded[k]:
-            parts.append(Part((first,), 0.0))
-        for one, (hold, unknowns) in zip(firsts, bounded[k], strict=False):
-            parts.append(Part((one, *unknowns), hold * copies / weight))
-    matrix = np.vstack([np.column_stack(columns), np.zeros((len(equal), len(columns)))])
-    for n, (one, other) in enumerate(equal):
-        matrix[change.size + n, [one, other]] = 1.0, -1.0
-    y = least(matrix, np.concatenate([change, np.zeros(len(equal))]), parts)
+        parts.append(part_of(first, [(hold / weight, unknowns) for hold, unknowns in bounded[k]]))
+    y = least(np.column_stack(columns), change, parts)
     return None if y is None else np.column_stack(shapes) @ y
 
 

@@ -246,7 +246,8 @@ class ConstraintSolver:
         first = self.n_controls + 1
         sizes = np.einsum("lij,lij->i", *[self.table[:, first : first + self.count]] * 2).tolist()
         diagonal = matrix.diagonal().tolist()
-        empty = [k for k, (own, size) in enumerate(zip(diagonal, sizes, strict=True)) if own <= EMPTY * size]
+        pairs = enumerate(zip(diagonal, sizes, strict=True))
+        empty = [k for k, (own, size) in pairs if abs(own) <= EMPTY * size]  # friction may make it negative
         if empty:  # rows that act on prescribed accelerations alone
             if np.abs(right[empty, -1]).max() > 1e-6:
                 asking = [repr(self.names[k]) for k in empty]

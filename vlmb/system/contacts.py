@@ -171,6 +171,11 @@ class ContactPoint:
         return (footing.state,)
 
     @property
+    def shares(self) -> bool:
+        """Whether it may carry a load together with others."""
+        return type(self) is ContactPoint
+
+    @property
     def moving(self) -> bool:
         """Whether its surface moves, and may do work."""
         return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
@@ -291,8 +296,7 @@ class ContactPoint:
             return np.zeros((0, 3))
         if footing.state != HELD:
             return slope[None]
-        across = [footing.first, footing.second][: 1 + all(self.names)]
-        return np.vstack([slope, *across])
+        return np.vstack([slope[None], np.array([footing.first, footing.second][: 1 + all(self.names)])])
 
 
 def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:

@@ -255,15 +255,15 @@ def _watch_contacts(
     tape, closed = compiled.tape, 0
     first = len(tape.switch)
     for k, (point, footing) in enumerate(zip(contacts.points, contacts.footings, strict=True)):
-        if footing.state in CLOSED and point.edge is not None:
+        if footing.state == RESTING:
+            closed += 1
+        elif footing.state in CLOSED and point.edge is not None:
             at = next(at for other, _, at, _ in contacts.closed if other is point)
             bounds += [(1.0, 0.0)] * (len(watch) - len(bounds))
             for form, which, kind, part, side in _looks_of_ski(point.edge, footing, at):
                 watch.append((form, closed if form == core.HOLDS else which))
                 bounds.append((side, float(at)))
                 events.append(Event(CONTACT, FALLING, kind, "", k, part, STILL if kind == STICKS else light))
-            closed += 1
-        elif footing.state == RESTING:
             closed += 1
         elif footing.state in CLOSED:
             forms = [(core.HOLDS, OPENS)]
@@ -346,7 +346,7 @@ def _watched(
                     place = table.of(mechanism.names.find(c.name))
                     sentence = f"{c.name} reached its limit {bound:g} m"
                     add(core.QUANTITY, place, side, bound, Event(LIMIT, FALLING, c.name, sentence))
-    if run.fall and mechanism.layout.base == "ski":
+    if run.fall and mechanism.layout.on_snow:
         for link in mechanism.layout.links:
             for point in (f"{link.name}.rod_end", f"{link.name}.tip"):
                 place = table.of(mechanism.names.find(f"{point}.z"))

@@ -27,7 +27,7 @@ class CoreReading:
         layout, first = arrays.layout, arrays.positions
         self.y = np.zeros(first + arrays.velocities)
         kind = int(arrays.tree.shape[columns.BASE_KIND])
-        self.on_ski, self.lifts, self.upright = layout.base == "ski", layout.lifts, arrays.upright
+        self.on_ski, self.lifts, self.upright = layout.headed, layout.lifts, arrays.upright
         axes = [0, 2] if layout.plane and layout.base == "free" else range(BASE_SIZES[kind][0])
         numbers = [0, 2] if kind == columns.SKI else range(layout.base_size)  # which velocities the core keeps of a base
         places = () if self.on_ski else zip(axes, range(layout.base_size), strict=True)

@@ -135,7 +135,7 @@ class Dense:
         qdot, vdot, planar = dy[:nq], dy[nq:end], nq == nv  # planar: no quaternions, and rates are velocities
         prescribed, known, projecting = self.prescribed, self.solver.prescribed_dofs, self.projecting
         flat, (crossed, identity) = mass.ravel(order="K"), cross_of(known, nv)
-        on_ski, last = layout.base == "ski", nv - 1
+        on_ski, last = layout.headed, nv - 1
         constrained, solver, forces, diagnostics = self.solver.needed, self.solver, self.forces, self.diagnostics
         rows, working, powers, branch = np.zeros((len(prescribed), nv)), bool(self.work_names), self._powers(), self.branch
 

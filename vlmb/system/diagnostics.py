@@ -79,7 +79,7 @@ class Diagnostics:
 def velocity_names(layout: Layout) -> list[str]:
     """Name every velocity of v for messages."""
     names = [""] * layout.nv
-    base = ("forward", "sideways", "yaw", "up") if layout.base == "ski" else ("x", "y", "z")
+    base = ("forward", "sideways", "yaw", "up") if layout.headed else ("x", "y", "z")
     for k in range(layout.base_size):
         names[k] = f"base {base[k]}"
     for i, link in enumerate(layout.links):

@@ -63,7 +63,7 @@ class LinkFrames:
     @cached_property
     def ski(self) -> Array:
         """Rotation of the ski; the identity for another base."""
-        ski: Array = self.data.oMi[1].rotation if self.layout.base == "ski" else np.eye(3)
+        ski: Array = self.data.oMi[1].rotation if self.layout.headed else np.eye(3)
         return ski
 
     @cached_property
@@ -71,7 +71,7 @@ class LinkFrames:
         """1 where a velocity turns a link (n, nv)."""
         layout = self.layout
         supports, turning = np.zeros((len(layout.links), layout.nv)), np.zeros(layout.nv)
-        if layout.base == "ski":
+        if layout.headed:
             turning[2] = 1.0
         width = 1 if layout.plane else 3
         for i in range(len(layout.links)):
@@ -95,7 +95,7 @@ class LinkFrames:
         """Add J_i^T N for a torque N [N m] on link i; -1 is the base, which takes it as far as it can turn."""
         if i >= 0:
             tau += self.supports[i] * np.dot(moment, self.angular)
-        elif self.layout.base == "ski":
+        elif self.layout.headed:
             tau[2] += moment[2]
 
     def all_directions(self) -> list[Vector]:
@@ -108,14 +108,14 @@ class LinkFrames:
 
     def all_omegas(self, v: Array) -> list[Sequence[float]]:
         """Absolute angular velocities [rad/s] of all links, then twice of the base: [-2] and [-1]."""
-        base = (0.0, 0.0, v.item(2) if self.layout.base == "ski" else 0.0)
+        base = (0.0, 0.0, v.item(2) if self.layout.headed else 0.0)
         return [*(self.supports * v).dot(self.angular.T).tolist(), base, base]
 
     def all_torques(self, moments: Sequence[Sequence[float]], tau: Array) -> None:
         """Add torques [N m] on all links, then on the base by [-2] and [-1], to tau."""
         count = len(self.axes)
         tau += (np.array(moments[:count]).dot(self.angular) * self.supports).sum(axis=0)
-        if self.layout.base == "ski":
+        if self.layout.headed:
             tau[2] += moments[-2][2] + moments[-1][2]
 
 

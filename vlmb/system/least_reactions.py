@@ -7,6 +7,7 @@ Its dual is a smooth convex function of few unknowns, and y = P_K(A^T u) of its 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,10 +25,21 @@ SHORTEST = 1e-6  # part of a step
 
 
 class Part(NamedTuple):
-    """Unknowns of one cone: the first >= 0, and |the others| <= slope times the first; slope 0: the first alone."""
+    """Unknowns of one cone: the first >= 0, and |the others| <= slope times the first; slope 0: the first alone.
+
+    With `each` the others are bounded one by one: |other| <= its own slope times the first.
+    """
 
     columns: tuple[int, ...]
     slope: float
+    each: tuple[float, ...] = ()
+
+
+def part_of(first: int, bounds: Sequence[tuple[float, tuple[int, ...]]]) -> Part:
+    """Return the cone of a normal force that bounds frictions: each has its slope and its unknowns."""
+    if len(bounds) > 1:  # of a ski: along itself and across
+        return Part((first, *(at for _, unknowns in bounds for at in unknowns)), 0.0, tuple(slope for slope, _ in bounds))
+    return Part((first, *bounds[0][1]), bounds[0][0]) if bounds else Part((first,), 0.0)
 
 
 def least(a: Array, c: Array, parts: Sequence[Part]) -> Array | None:
@@ -98,8 +110,12 @@ def _newton(rows: Array, target: Array, parts: Sequence[Part], dead: Sequence[in
 def _project(z: Array, parts: Sequence[Part]) -> tuple[Array, Array]:
     """Return the nearest point of the cones and its derivative by z."""
     y, slopes = z.copy(), np.eye(z.size)
-    for columns, slope in parts:
+    for columns, slope, each in parts:
         where = np.array(columns)
+        if each:
+            turn = face_of(z[where], each)
+            y[where], slopes[np.ix_(where, where)] = turn @ z[where], turn
+            continue
         first, others = float(z[columns[0]]), z[where[1:]]
         across = float(np.linalg.norm(others))
         if first >= 0.0 and (not others.size or across <= slope * first):
@@ -117,3 +133,17 @@ def _project(z: Array, parts: Sequence[Part]) -> tuple[Array, Array]:
         turning = along * slope / math.hypot(1.0, slope) / across
         slopes[np.ix_(where[1:], where[1:])] += turning * (np.eye(others.size) - np.outer(unit, unit))
     return y, slopes
+
+
+def face_of(z: Array, each: Sequence[float]) -> Array:
+    """Return what projects (n, n) on the face of a pyramid that is nearest: it takes z to its nearest point of the pyramid."""
+    best, nearest, signs = np.zeros((z.size, z.size)), float(z @ z), np.copysign(1.0, z[1:])
+    for bound in itertools.product((False, True), repeat=len(each)):
+        ray = np.array([1.0, *(sign * slope if on else 0.0 for on, sign, slope in zip(bound, signs, each, strict=True))])
+        turn = np.outer(ray, ray) / (ray @ ray) + np.diag([0.0, *(float(not on) for on in bound)])
+        y = turn @ z
+        inside = y[0] >= 0.0 and all(abs(y[1 + k]) <= slope * y[0] for k, slope in enumerate(each) if not bound[k])
+        distance = float((z - y) @ (z - y))
+        if inside and distance < nearest:
+            best, nearest = turn, distance
+    return best

@@ -106,7 +106,7 @@ def _in_surface_frame(
         for axis, terms in zip(AXES, sums, strict=True):
             terms.append(times(along, name(f"{frame}.direction.{axis}")))
     if azimuthal != NOTHING or elevational != NOTHING:
-        flat = "phi0" if layout.base == "ski" else ""
+        flat = "phi0" if layout.headed else ""
         phi = (name(flat) if flat else NOTHING) if layout.plane else name(f"{frame}.azimuth")
         if azimuthal != NOTHING:
             sums[0].append(("neg", times(azimuthal, ("sin", phi))))

@@ -108,7 +108,7 @@ class RobotSystem:
     @property
     def on_ski(self) -> bool:
         """Whether there is a ski with its knife edge."""
-        return self.mechanism.scene.base.kind == "ski"
+        return self.mechanism.scene.on_snow
 
     @property
     def prescribed(self) -> tuple[Prescribed, ...]:
@@ -229,7 +229,7 @@ def make_robot_system(
     compiled = compile_tape([*equations, *roots], quantities.resolve, mechanism.signals.pieces)
     parameters = parameter_values(numbers_of(scene))
     info = [Constraint(name, not name.startswith("edge:"), False, frozenset(), False) for name in held]
-    if scene.base.kind == "ski":
+    if scene.on_snow:
         info.append(Constraint("knife_edge", False, False, frozenset(), False))
     info += [Constraint(drive.force, True, False, frozenset(), True) for drive in drives]
     info += [Constraint(name, True, False, frozenset(), False) for name in ties]
@@ -252,7 +252,7 @@ def make_robot_system(
     }  # fmt: skip
     h, k = gain_table(info, plan, ideal, run.gain)
     law = np.hstack([h, k, -np.eye(len(info))])
-    if scene.base.kind == "ski" and run.knife_edge == "reduction":  # it begins at 0 and stays there
+    if scene.on_snow and run.knife_edge == "reduction":  # it begins at 0 and stays there
         law[len(held)] = 0.0
     posture = None if programme is None or programme.u0 is not None else posture_of(programme)
     told = _of_phases(mechanism, run, inputs) if goes_by_phase(scene) else None

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.system.least_reactions import Part, least
+from vlmb.system.contacts import HELD, SLIDING, ContactPoint, Footing
+from vlmb.system.least_reactions import Part, least, part_of
 
 Array = NDArray[np.float64]
 
@@ -24,26 +25,57 @@ MOST = 8  # contacts among which is chosen
 OFF = 1e-7  # of the accelerations without contacts: what those who carry may leave
 
 
+class Across(NamedTuple):
+    """What a closed contact does in some of the directions over its surface."""
+
+    rows: tuple[int, ...]  # in G
+    hold: float  # most of |friction| over the normal force, where it does not slide
+    slide: tuple[float, ...] = ()  # friction for a unit of normal force, where it does
+
+
 class Foot(NamedTuple):
     """A closed contact: its rows in G, and its friction."""
 
-    rows: tuple[int, ...]  # normal first
-    hold: float  # most of |friction| over the normal force; of one that slides it does not count
-    slide: tuple[float, ...] = ()  # friction for a unit of normal force, of one that slides
+    normal: int
+    across: tuple[Across, ...]
 
-    def pushes(self, count: int) -> Array:
-        """Return what each unknown pushes on (count, unknowns)."""
-        if self.slide:
-            found = np.zeros((count, 1))
-            found[self.rows[0], 0] = 1.0
-            found[list(self.rows[1:]), 0] = self.slide
-            return found
-        return np.eye(count)[:, list(self.rows)]
+    @property
+    def held(self) -> tuple[int, ...]:
+        """Rows over its surface in which it does not slide."""
+        return tuple(row for part in self.across if not part.slide for row in part.rows)
 
     @property
     def kept(self) -> tuple[int, ...]:
         """Rows that it holds at 0."""
-        return self.rows[:1] if self.slide else self.rows
+        return (self.normal, *self.held)
+
+    def pushes(self, count: int) -> Array:
+        """Return what each unknown pushes on (count, unknowns): the normal force, with what slides, then what holds."""
+        found = np.eye(count)[:, list(self.kept)]
+        for part in self.across:
+            if part.slide:
+                found[list(part.rows), 0] = part.slide
+        return found
+
+
+def foot_of(point: ContactPoint, footing: Footing, frame: Array, normal: int) -> Foot:
+    """Return a closed contact as a foot; `frame` has its axes across, then its normal, the last of these rows of G."""
+    across = tuple(range(normal - len(frame) + 1, normal))
+    if point.edge is not None:
+        ratios, holds = (footing.towards[1], footing.towards[0]), (point.edge.hold, point.edge.friction)
+        parts = zip(across, holds, ratios, strict=False)
+        return Foot(normal, tuple(Across((row,), hold, (-ratio,) if ratio else ()) for row, hold, ratio in parts))
+    if point.smooth or footing.state == SLIDING:
+        ratio, way = 0.0 if point.smooth else point.coefficient, frame[:-1] @ np.array(footing.towards)
+        return Foot(normal, (Across(across, ratio, tuple((-ratio * way).tolist())),))
+    return Foot(normal, (Across(across, point.at_rest),))
+
+
+def carrying_again(point: ContactPoint, before: Footing, t: float, place: Array, plane: bool) -> Footing:
+    """Return the footing of a contact that rested on others, and carries from now on; a ski stands or slides as it did."""
+    if point.edge is not None:
+        return before._replace(state=SLIDING if before.towards[1] else HELD)
+    return point.footing_at(SLIDING if point.smooth else HELD, t, place, plane)
 
 
 def carrying(g: Array, a: Array, feet: Mapping[int, Foot], idle: Collection[int], light: float) -> frozenset[int] | None:
@@ -65,7 +97,7 @@ def carrying(g: Array, a: Array, feet: Mapping[int, Foot], idle: Collection[int]
             if _rank(g[np.ix_(rows, rows)]) < rank:
                 continue
             unknowns, kept = np.hstack([feet[k].pushes(count) for k in chosen]), [row for k in chosen for row in feet[k].kept]
-            if not _determined(g[kept] @ unknowns, [kept.index(feet[k].rows[0]) for k in chosen]):
+            if not _determined(g[kept] @ unknowns, [kept.index(feet[k].normal) for k in chosen]):
                 continue
             y = np.linalg.lstsq((g @ unknowns)[rows], -a[rows], rcond=RANK)[0]
             p = unknowns @ y
@@ -97,10 +129,9 @@ def _determined(matrix: Array, normals: list[int]) -> bool:
 
 
 def _pushes(p: Array, foot: Foot, light: float) -> bool:
-    push = float(p[foot.rows[0]])
-    if not push > light:
-        return False
-    return bool(foot.slide) or math.isinf(foot.hold) or float(np.linalg.norm(p[list(foot.rows[1:])])) <= foot.hold * push
+    push = float(p[foot.normal])
+    holding = [part for part in foot.across if not (part.slide or math.isinf(part.hold))]
+    return push > light and all(float(np.linalg.norm(p[list(part.rows)])) <= part.hold * push for part in holding)
 
 
 def least_shares(jacobian: Array, pushed: Array, feet: Sequence[Foot]) -> Array | None:
@@ -112,10 +143,11 @@ def least_shares(jacobian: Array, pushed: Array, feet: Sequence[Foot]) -> Array 
     for foot in feet:
         unknowns = foot.pushes(count)
         columns.append(unknowns)
-        width = unknowns.shape[1]
-        free = math.isinf(foot.hold) and width > 1  # rough: what is across follows the normal without a bound
-        parts.append(Part((first,) if free or width == 1 else tuple(range(first, first + width)), 0.0 if free else foot.hold))
-        first += width
+        # rough: what is across follows the normal without a bound
+        bound = [part for part in foot.across if not (part.slide or math.isinf(part.hold))]
+        places = [tuple(first + 1 + foot.held.index(row) for row in part.rows) for part in bound]
+        parts.append(part_of(first, [(part.hold, own) for part, own in zip(bound, places, strict=True)]))
+        first += unknowns.shape[1]
     unknowns = np.hstack(columns)
     y = least(jacobian.T @ unknowns, pushed, parts)
     return None if y is None else np.asarray(unknowns @ y)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.expressions import parse
-from vlmb.system.contacts import CLOSED, HELD, ZERO, ContactPoint, Footing, Surface, Vector
+from vlmb.system.contacts import HELD, RESTING, SLIDING, ZERO, ContactPoint, Footing, Surface, Vector
 from vlmb.system.ski_contact import (
     ALONG_ROW,
     EDGE_ROW,
@@ -40,7 +40,12 @@ class SkiPoint(ContactPoint):
 
     def slides(self, footing: Footing) -> bool:
         """Whether it skids, or slides along itself with friction."""
-        return footing.state in CLOSED and any(footing.towards)
+        return footing.state in (HELD, SLIDING) and any(footing.towards)
+
+    @property
+    def shares(self) -> bool:
+        """Whether it may carry a load together with others."""
+        return True
 
     def mode(self, footing: Footing) -> tuple[object, ...]:
         """Return what of a footing the equations of a phase depend on, beside numbers."""
@@ -48,13 +53,14 @@ class SkiPoint(ContactPoint):
 
     def row_texts(self, footing: Footing) -> tuple[str, ...]:
         """Return the equations that hold it: up, across, along."""
-        if footing.state not in CLOSED:
+        if footing.state not in (HELD, SLIDING):
             return ()
         return tuple((EDGE_ROW, ALONG_ROW, NORMAL_ROW)[row] for row in ski_rows(footing.state == HELD, footing.first))
 
     def row_vectors(self, footing: Footing, slope: Array, h: Heading = (1.0, 0.0)) -> Array:
         """Return the gradients (rows, 3) of these over its place, with the heading h."""
-        found: Array = ski_frame(h)[ski_rows(footing.state == HELD, footing.first)]
+        rows = ski_rows(footing.state == HELD, footing.first) if footing.state != RESTING else []
+        found: Array = ski_frame(h)[rows]
         return found
 
     def footing_at(

@@ -81,11 +81,11 @@ class Slips:
         """
         found, slid = [], 0
         for point, footing, at, count in self.contacts.closed:
+            if footing.state == RESTING:
+                continue
             if point.edge is not None:
                 found += _of_ski(point.edge, footing, heading_at(q), jets[point.index, :3, 1], multipliers[at : at + count])
                 slid += point.slides(footing)
-                continue
-            if footing.state == RESTING:
                 continue
             force, normal = held_by(point, footing, t, jets[point.index, :3, 0], multipliers[at : at + count])
             push = float(force @ normal)

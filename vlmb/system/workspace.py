@@ -192,7 +192,7 @@ class Workspace:
         if any(channel.kind == "point" or not is_named(channel) for channel, _ in acting):  # these come through no hinge
             outer = outer_forces(self.mechanism, self.mechanism.postures((q, v)), self.frames.data, acting)
             pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot, outer)
-        edge = float(missing[SIDEWAYS]) if self.layout.base == "ski" else None
+        edge = float(missing[SIDEWAYS]) if self.layout.headed else None
         return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers)
 
     def _per_angle(self, row: Constraint) -> float:

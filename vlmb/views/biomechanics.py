@@ -49,7 +49,7 @@ def joint_moments(run: Trajectory) -> dict[str, tuple[Array, Array]]:
     The first is what muscles of flexion and extension give. Joints that no link of the scene stands for are left out.
     """
     found: dict[str, tuple[Array, Array]] = {}
-    if run.mechanism.layout.base != "ski":
+    if not run.mechanism.layout.on_snow:
         return found
     cosine, sine = np.cos(run["phi0"]), np.sin(run["phi0"])
     for link in run.scene.links:

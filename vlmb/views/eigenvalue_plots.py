@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.model.names import plain
-from vlmb.studies.linearize import DEFECTIVE, FAMILY, GROWS, Linear
+from vlmb.studies.linearize import DEFECTIVE, FAMILY, Linear
+from vlmb.studies.modes import GROWS
 from vlmb.views.dark import darkened
 from vlmb.views.style import BANDS, BLACK, GREY, PALETTE, style, styled, write
 

@@ -31,7 +31,7 @@ def path(trajectory: Runs, labels: Sequence[str] | None = None) -> Figure:
     Without a ski: the paths of the tips from above and from the side, with postures in between.
     """
     runs = listed(trajectory)
-    if all(run.mechanism.layout.base == "ski" for run in runs):
+    if all(run.mechanism.layout.on_snow for run in runs):
         return _track(runs, labels)
     return _tips(runs, labels)
 
@@ -161,7 +161,7 @@ def _even_times(run: Trajectory) -> Array:
 def _everything(run: Trajectory) -> Array:
     """Points (samples, points, 3) that a picture must hold."""
     points = [run.position(link.name, "tip") for link in run.scene.links]
-    if run.mechanism.layout.base == "ski":
+    if run.mechanism.layout.on_snow:
         points.append(np.stack([run["x"], run["y"], np.zeros(len(run))], axis=1))
     return np.stack(points, axis=1)
 

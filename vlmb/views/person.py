@@ -71,7 +71,7 @@ def person_of(mechanism: Mechanism, seen: Postures, rotations: Array) -> Person 
         return None
     mass = sum(links[i].rod.mass + links[i].tip_mass for i in looks)
     standing = [i for i in looks if looks[i].part in ("legs", "limb")]
-    on_ski = mechanism.layout.base == "ski" and not any(_sided(links[i].name) for i in standing)
+    on_ski = mechanism.layout.on_snow and not any(_sided(links[i].name) for i in standing)
     paired = frozenset(i for i in looks if _plural(links[i].name) or (on_ski and i in standing))
     tall = sum(float(np.max(seen.distance(i, "rod_end"))) for i in standing if not _sided(links[i].name))
     by_mass = (mass / MASS) ** (1.0 / 3.0)
@@ -114,7 +114,7 @@ def _legs(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
     strut = shapes.bellows(0.028 * b)
     hips = seen.distance(i, "tip" if children else "rod_end")
     clothes = _bent(link, hips, b, pair)
-    if mechanism.layout.base == "ski" and mechanism.layout.links[i].parent < 0:
+    if mechanism.layout.on_snow and mechanism.layout.links[i].parent < 0:
         clothes += (_boots(b, pair, np.asarray(mechanism.layout.links[i].anchor)),)
     pelvis = shapes.ellipsoid(0.1 * b, 1.35, 0.95)
     if children or not link.tip_mass:
@@ -184,7 +184,7 @@ def _limb(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part:
     sleeves = [_paired(shapes.bellows(share * radius), pair, b) for share in (1.02 if upper else 0.8, 0.9)]
     joint = shapes.ellipsoid(0.095 * b, 1.5, 1.0) if upper else _paired(shapes.ball(0.056 * b), pair, b)
     clothes: tuple[Worn, ...] = ()
-    if layout.base == "ski" and layout.links[i].parent < 0:
+    if layout.on_snow and layout.links[i].parent < 0:
         clothes += (_boots(b, pair, np.asarray(layout.links[i].anchor)),)
     return Part(rod, sleeves[0], sleeves[1], joint if link.tip_mass else None, appearance.TROUSERS, clothes)
 
@@ -229,7 +229,7 @@ def _whole(person: Person, mechanism: Mechanism, seen: Postures, i: int) -> Part
     clothes += _own_arms("rod", b, trunk - 0.06 * b)
     if hips.max() > 0.3 * b:
         clothes += _bent(link, hips, b, True)
-    if mechanism.layout.base == "ski" and mechanism.layout.links[i].parent < 0:
+    if mechanism.layout.on_snow and mechanism.layout.links[i].parent < 0:
         clothes += (_boots(b, True, np.asarray(mechanism.layout.links[i].anchor)),)
     rod = shapes.torso(trunk, TRUNK * b, WIDE, DEEP) if trunk > 0.0 else None
     return Part(rod, strut, strut, shapes.ball(NECK * b) if link.tip_mass else None, appearance.SKIN, clothes)

@@ -56,7 +56,7 @@ def course(scene: Scene, t: Array, speed: Array, place: tuple[float, float, floa
 
 def steering(scene: Scene) -> Equation | None:
     """Return the programme's first equation of the heading alone."""
-    for row in rows_of(scene).servo if scene.base.kind == "ski" else ():
+    for row in rows_of(scene).servo if scene.on_snow else ():
         equation = parse_equation(row.equation, row.key)
         if equation.names <= KNOWN | set(scene.parameters) and equation.names & {"phi0", "phi0_dot"}:
             return equation

@@ -78,7 +78,7 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
             values[i] = data.oMf[mechanism.frames[name]].translation
     size = max(1e-3, float(np.ptp(places[1:, 0], axis=0).max()))
     bodies: list[Body] = []
-    on_ski = scene.base.kind == "ski"
+    on_ski = scene.on_snow
     if on_ski:
         base = places[1]
         for body in draw_ski(scene, base, turns[1]):
@@ -105,7 +105,7 @@ def _build(mechanism: RobotMechanism, t: Array, q: Array) -> Scenery:
     moves = on_ski or bool(mechanism.roots)
     joints = np.moveaxis(places[1:] if moves else places, 0, 1)
     everything = np.concatenate([joints, *(values[:, None] for values in points.values())], axis=1)
-    ground = draw_ground(everything, size, "ski" if on_ski else "pivot")
+    ground = draw_ground(everything, size, on_ski)
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
     focus = smooth(centre) if moves else np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape)
     first = [mesh.vertices @ turns[joint, 0].T + places[joint, 0] if joint else mesh.vertices for joint, mesh in drawn]

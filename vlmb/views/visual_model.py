@@ -97,7 +97,7 @@ def of_trajectory(trajectory: Trajectory, fps: float = 60.0, arrows: bool = Fals
     `programme` (n, 2) [m] is drawn as a dashed way; default: the course that the scene's programme prescribes, if it does.
     """
     edge = None
-    if arrows and trajectory.mechanism.layout.base == "ski" and len(trajectory) > 1:
+    if arrows and trajectory.mechanism.layout.on_snow and len(trajectory) > 1:
         edge = trajectory.reactions["knife_edge"]
     phased = trajectory if trajectory.stretches else None
     return of_samples(trajectory.mechanism, trajectory.t, trajectory.q, trajectory.v, fps, arrows, edge, programme, phased)
@@ -123,7 +123,7 @@ def of_samples(
 
 def _programme(mechanism: Mechanism, t: Array, speed: Array, q: Array) -> Array | None:
     """The way a programme prescribes from a configuration on."""
-    if mechanism.layout.base != "ski":
+    if not mechanism.layout.on_snow:
         return None
     return course(mechanism.scene, t, speed, (float(q[0]), float(q[1]), math.atan2(q[3], q[2])))
 
@@ -137,7 +137,7 @@ def _build(
     size = _size(mechanism)
     bodies: list[Body] = []
     base, person = seen.place, person_of(mechanism, seen, rotations)
-    if layout.base == "ski":
+    if layout.on_snow:
         heading = _about_z(q[:, 2], q[:, 3])
         bodies += draw_ski(scene, base, heading)
         bodies += _bindings(mechanism, size)
@@ -155,7 +155,7 @@ def _build(
     legs, feet = draw_legs(phased, t, seen, size) if phased else ([], [])
     bodies += legs
     everything = np.stack([base, *hinges, *tips, *heads, *feet], axis=1)
-    ground = draw_ground(everything, size, layout.base)
+    ground = draw_ground(everything, size, layout.on_snow)
     if layout.base == "pivot":
         below = float(np.mean(everything[..., 2])) > 0.0
         cone = shapes.cone(0.09 * size, 0.05 * size)
@@ -164,7 +164,7 @@ def _build(
         for number, anchor in enumerate(anchors):
             name = f"stand{number + 1}" if number else "stand"
             bodies.insert(number, Body(name, shape, appearance.STAND, np.array(anchor)))
-    if layout.base != "ski" and tips and len(t) > 1:
+    if not layout.on_snow and tips and len(t) > 1:
         trail = shapes.Lines(np.stack([tips[-1][:-1], tips[-1][1:]], axis=1))
         bodies.append(Body("trail", trail, appearance.TRAIL, grows=True, keeps=TRAIL_SECONDS, shadow=False))
     if phased:
@@ -176,7 +176,7 @@ def _build(
     centre = 0.5 * (everything.min(axis=1) + everything.max(axis=1))
     focus = np.broadcast_to(everything.reshape(-1, 3).mean(axis=0), centre.shape) if layout.base == "pivot" else centre
     radius = float(np.linalg.norm(everything - focus[:, None], axis=2).max()) + 0.25 * size
-    if layout.base == "ski":
+    if layout.on_snow:
         radius = max(radius, float(np.linalg.norm(base - focus, axis=1).max()) + 0.5 * _ski_length(scene.base))
     if layout.base != "pivot":
         focus = smooth(focus)
@@ -306,16 +306,16 @@ def _weight(scene: Scene) -> float:
     return scene.gravity * (scene.base.mass + sum(link.rod.mass + link.tip_mass for link in scene.links))
 
 
-def draw_ground(everything: Array, size: float, base: str) -> Ground:
+def draw_ground(everything: Array, size: float, on_snow: bool) -> Ground:
     """The ground below all places (N, any, 3) of a motion."""
     low = everything.reshape(-1, 3).min(axis=0)
     high = everything.reshape(-1, 3).max(axis=0)
-    on_ground = base == "ski" or (low[2] > -0.02 * size and everything[..., 2].mean() > 0.1 * size)
+    on_ground = on_snow or (low[2] > -0.02 * size and everything[..., 2].mean() > 0.1 * size)
     centre = (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2)
     reach = float(max(high[:2] - low[:2])) / 2 + 40.0 * size
     spacing = 10.0 ** round(math.log10(0.7 * size))
     spacing *= 2.0 ** max(0, math.ceil(math.log2(reach / spacing / 80.0)))
-    return Ground(centre, reach, 0.0 if on_ground else float(low[2]) - 0.25 * size, spacing, base == "ski")
+    return Ground(centre, reach, 0.0 if on_ground else float(low[2]) - 0.25 * size, spacing, on_snow)
 
 
 def _size(mechanism: Mechanism) -> float:
