@@ -81,6 +81,17 @@ def test_a_law_that_switches_at_the_ends_of_a_run(law: str, push: float, method:
         assert len(run) == 201 and run.t[0] == 1.0 and run.t[-1] == 2.0 and run["xi1_1_dot"][0] == 1.0
 
 
+@pytest.mark.parametrize(("law", "push"), [("10*step(1 - t)", 0.0), ("where(t <= 1, 0, 10)", 10.0), ("100*step(t - 2)", 0.0)])
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+def test_a_law_that_switches_at_the_ends_of_a_run_on_the_ground(law: str, push: float, method: str) -> None:
+    scene = {
+        "plane": True, "base": {"kind": "free", "mass": 1.0}, "start": {"x_dot": 1.0}, "forces": [{"on": "F_x", "law": law}],
+        "contacts": [{"name": "foot", "point": "base", "friction": 0.0}],
+    }  # fmt: skip
+    run = vlmb.simulate(scene, 1.0, method, t0=1.0, step=0.01)
+    assert run["x_dot"][-1] == pytest.approx(1.0 + push, abs=1e-9) and len(run) == 201
+
+
 @pytest.mark.parametrize("law", ["1/(1 - t)", "1/t", "log(t)"])
 def test_a_law_without_a_value_at_an_end_is_named_all_the_same(law: str) -> None:
     for method in ("rk4", "dop853"):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from vlmb.scene.scene import Scene
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.histories import held_along, slopes_along
 from vlmb.simulation.methods import find_method
@@ -32,7 +33,7 @@ OUTSTANDING = 50.0  # times the spread of the slopes around it
 def doubts_of(system: System, motion: Motion, inputs: Array, energies: Mapping[str, Array]) -> tuple[str, ...]:
     """Return every doubt about the samples of a run: inputs (N, S) are recorded forces from outside, energies (N,) by name."""
     run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
-    found = [*of_energy(energies, run), *of_steps(system, float(motion.t[0]), float(motion.t[-1]))]
+    found = [*of_energy(energies, run), *of_steps(system.mechanism.scene, run, motion.t)]
     seen = inputs.shape[1] or any(law.names - own for law in system.forces.written)  # laws of time are looked through before
     if seen and not system.points:  # forces of contacts jump
         names = system.forces.inputs or ()
@@ -56,11 +57,11 @@ def of_energy(energies: Mapping[str, Array], run: Run) -> list[str]:
     return [f"the energy is off by {off:.2g} J, {share:.1g} of the largest kinetic energy: {remedy(run)}"]
 
 
-def of_steps(system: System, begin: float, end: float) -> list[str]:
-    """Say where fixed steps are longer than what a law does in time takes: they may pass over it."""
-    run, bounds = system.run, np.zeros((0, 3))
-    if end > begin and not find_method(run.method).adaptive:
-        bounds = longest_steps(system.mechanism.scene, begin, end)
+def of_steps(scene: Scene, run: Run, t: Array) -> list[str]:
+    """Say where fixed steps are longer than what a law does in time takes: they may pass over it; t (N,) are the samples."""
+    bounds = np.zeros((0, 3))
+    if t[-1] > t[0] and not find_method(run.method).adaptive:
+        bounds = longest_steps(scene, float(t[0]), float(t[-1]))
     step = run.step or DEFAULT_STEP
     if not len(bounds) or step <= bounds[:, 2].min():
         return []

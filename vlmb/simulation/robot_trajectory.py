@@ -18,7 +18,7 @@ from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.simulation.columns import Column
-from vlmb.simulation.doubts import of_energy, of_rows
+from vlmb.simulation.doubts import of_energy, of_rows, of_steps
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
@@ -219,7 +219,7 @@ class RobotTrajectory(Trajectory):
 
     def doubts_found(self) -> tuple[str, ...]:
         """Return what contradicts itself in what was recorded, in sentences."""
-        found = of_energy(self._energies, self.run)
+        found = [*of_energy(self._energies, self.run), *of_steps(self.scene, self.run, self.t)]
         held = {name: (row.position, row.velocity) for name, row in self.residuals.items() if name in self.reactions}
         rates = float(np.abs(self._coordinates[1]).max(initial=0.0))
         return (*found, *(of_rows(held, rates, self.run) if held else ()))
