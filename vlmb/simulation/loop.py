@@ -43,12 +43,12 @@ from vlmb.core.driver import (
 from vlmb.core.locate import Crossing, crossings
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
-from vlmb.simulation.ends import UNDER, arrive, gap_at, leave, refuse_start
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passage, Passing
 from vlmb.simulation.phases import Turn
+from vlmb.simulation.stretch_ends import UNDER, arrive, gap_at, leave, refuse_start
 from vlmb.simulation.stuck import why_stuck
 from vlmb.simulation.switches import TOO_MANY, drives_back, earliest, go_beyond
 from vlmb.system import interrupts
