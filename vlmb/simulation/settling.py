@@ -93,7 +93,7 @@ class Settling(Resting):
         if hit is not None and hit.name in (OPENS, SLIPS) and not strikes:
             light = {*opening} if hit.name == OPENS else {hit.which}
             shared, others = self._carried_by_others(y, footings, taking, frames, light)
-            if shared is not None:
+            if shared is not None and shared != footings:  # else it slips as it stands
                 return Outcome(shared, y)
             opening = {*opening, *others} if hit.name == OPENS else opening
         fast = max((abs(float(approach[k][-1])) for k in near), default=0.0)
