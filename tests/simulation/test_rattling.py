@@ -102,10 +102,10 @@ def test_cycles_that_do_not_shrink_have_no_end():
     assert not ends_now(1e-5, 2e-6) and not ends_now(1e-6, 2e-6) and ends_now(1e-7, 5e-6)
 
 
-@pytest.mark.parametrize(("seed", "kinds"), [(197, ["touch", "slip", "touch", "stick"]), (93, ["touch", "slip", "slip"])])
-def test_what_begins_or_ends_to_slide_does_so_once(seed, kinds):
-    """A point that turns as it stops; one that begins to slide with a speed of rounding, and later turns back."""
-    runs = [vlmb.simulate(contacts(seed, Words(run=(("method", method),)))) for method in ("dop853", "adams")]
+def test_what_begins_to_slide_with_a_speed_of_rounding_does_so_once():
+    """Adams' method leaves a held foot with such a speed; it later turns back."""
+    kinds = ["touch", "slip", "slip"]
+    runs = [vlmb.simulate(contacts(93, Words(run=(("method", method),)))) for method in ("dop853", "adams")]
     for run in runs:
         assert run.status == "finished" and [event.kind for event in run.events] == kinds and balanced(run)
     assert [event.t for event in runs[0].events] == pytest.approx([event.t for event in runs[1].events], abs=1e-7)

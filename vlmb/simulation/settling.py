@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.contacts import SLOW
 from vlmb.model.frozen import read_only
 from vlmb.scene.by_phase import acting, goes_by_phase
 from vlmb.scene.names import listed
@@ -74,10 +73,6 @@ class Settling(Resting):
         y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
         found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
-        if hit is not None and hit.name == STICKS and STILL < float(np.linalg.norm(approach[hit.which][:-1])) < SLOW:
-            y = self._halted(hit.which, y, found, footings, frames)
-            found = self._without_forces(y)
-            approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
         strikes = [
             k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
@@ -98,7 +93,7 @@ class Settling(Resting):
         if hit is not None and hit.name in (OPENS, SLIPS) and not strikes:
             light = {*opening} if hit.name == OPENS else {hit.which}
             shared, others = self._carried_by_others(y, footings, taking, frames, light)
-            if shared is not None:
+            if shared is not None and shared != footings:  # else it slips as it stands
                 return Outcome(shared, y)
             opening = {*opening, *others} if hit.name == OPENS else opening
         fast = max((abs(float(approach[k][-1])) for k in near), default=0.0)
@@ -128,15 +123,6 @@ class Settling(Resting):
         event, happened = self._event(hit, before, after, strikes, told), self._happened(hit, before, after, strikes)
         shared, _ = self._carried_by_others(y, tuple(after), resting, frames, set())
         return Outcome(shared or tuple(after), y, event, "", happened)
-
-    def _halted(
-        self, c: int, y: Array, found: Answers, footings: Sequence[Footing], frames: Mapping[int, Array]
-    ) -> Array:  # fmt: skip
-        """Return the state in which a contact that has stopped along its last direction has none of the others left."""
-        closed = {k: footings[k].state for k in frames if footings[k].state in (HELD, SLIDING)}
-        ways = {k: np.array(footings[k].towards) for k in closed}
-        stops = {c: HELD} if self.points[c].edge is None else {}
-        return self._stopped(y, found, frames, closed | stops, ways)[0]
 
     def _with_stops(self, told: Mapping[str, Any], stops: Array, lost: float, left: float) -> dict[str, Any]:
         """Return what is told of an impact that is the last one taken of those that would end in a time [s]."""
