@@ -92,7 +92,7 @@ def prune(place: Path, current: Path) -> None:
 
 
 _depth = 0  # of kernels compiling one another, under numba's own lock
-_announced = False
+_announced = _waited = False
 
 
 @contextlib.contextmanager
@@ -139,13 +139,16 @@ def _locked(place: Path) -> Iterator[None]:
     except ImportError:  # without such locks every process compiles for itself
         yield
         return
+    global _waited
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):  # file systems without locks
             lock = stack.enter_context((place / "lock").open("w"))
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                print(WAITING, file=sys.stderr, flush=True)
+                if not _waited:
+                    print(WAITING, file=sys.stderr, flush=True)
+                _waited = True
                 fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
