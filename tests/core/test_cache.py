@@ -73,6 +73,29 @@ def test_what_is_kept_waits_for_nobody_and_the_rest_says_so(script: Path, tmp_pa
     assert waits.communicate(timeout=60.0) == ("0\n", "")
 
 
+BEYOND = """import sys
+from script import kernel, twice
+assert "numba.cpython.setobj" not in sys.modules
+
+@kernel
+def beyond(x):
+    return twice(x) + 1.0
+
+assert beyond(3.0) == 7.0
+assert "numba.cpython.setobj" in sys.modules
+"""
+
+
+@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+def test_what_is_kept_is_loaded_without_what_compiles_and_serves_what_is_compiled_later(script: Path, tmp_path: Path) -> None:
+    home, caller = tmp_path / "home", tmp_path / "caller.py"
+    caller.write_text("import script", encoding="utf-8")
+    assert start(caller, home).communicate()[0] == "0\n"
+    for text in (BEYOND, BEYOND.rsplit("assert", 1)[0]):  # compiled, then loaded itself
+        caller.write_text(text, encoding="utf-8")
+        assert start(caller, home).communicate() == ("1\n", "")
+
+
 @pytest.mark.parametrize("mode", ["0", "bounds"])
 def test_other_modes_keep_nothing(script: Path, tmp_path: Path, mode: str) -> None:
     script.write_text(SCRIPT.rsplit("print", 1)[0], encoding="utf-8")

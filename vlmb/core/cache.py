@@ -166,7 +166,8 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
         dispatcher = numba.njit(cache=True, **options)(function)
     finally:
         settings.CACHE_DIR = before
-    compile_or_load = dispatcher.compile
+    compile_or_load, kept = dispatcher.compile, dispatcher._cache
+    kept.load_overload = functools.partial(load, kept)
 
     def compile_once(signature: Any) -> Any:
         with contextlib.nullcontext() if is_kept(dispatcher, signature) else alone(place):
@@ -174,6 +175,31 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
 
     dispatcher.compile = compile_once
     return cast(Function, dispatcher)
+
+
+def load(kept: Any, signature: Any, context: Any) -> Any:
+    """Load the machine code of a kernel.
+
+    numba would first get all ready to compile, and read the intermediate code beside the machine code: four fifths of what a
+    process waits for that only runs. Here that is left to the time when a kernel is compiled that calls this one.
+    """
+    if _depth:
+        return type(kept).load_overload(kept, signature, context)
+    from llvmlite import binding
+    from numba.core.compiler import CompileResult
+    from numba.core.runtime import rtsys
+
+    rtsys.initialize(context)
+    found = kept._cache_file.load(kept._index_key(signature, context.codegen()))
+    if found is None:
+        return None
+    (name, kind, (machine_code, intermediate)), described, *others = found
+    names = described.llvm_func_name, described.llvm_cpython_wrapper_name
+    entries = "\n".join(f'define void @"{entry}"() {{ ret void }}' for entry in names)
+    stand_in = binding.parse_assembly(entries).as_bitcode()
+    made = CompileResult._rebuild(context, (name, kind, (machine_code, stand_in)), described, *others)
+    made.library._get_module_for_linking = functools.cache(lambda: binding.parse_bitcode(intermediate))
+    return made
 
 
 def is_kept(dispatcher: Any, signature: Any) -> bool:

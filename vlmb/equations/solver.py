@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, finite, nearest
 from vlmb.model.layout import Layout, segment_of
@@ -136,7 +136,7 @@ def _positive_solve(system: LinearSystem, matrix: Array, free: NDArray[np.intp],
     if weak.any():
         raise _singular(system, free, np.abs(vectors[:, weak]).max(axis=1))
     scale = 1.0 / np.sqrt(np.diag(matrix))
-    _, answer, info = lapack.dposv(matrix * np.outer(scale, scale), columns * scale[:, None])
+    _, answer, info = scipy.linalg.lapack.dposv(matrix * np.outer(scale, scale), columns * scale[:, None])
     if info:
         raise _singular(system, free, np.abs(vectors[:, 0]))
     value: Array = answer * scale[:, None]

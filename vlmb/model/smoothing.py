@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from vlmb.core.banded import trace_of_solution
 from vlmb.core.series import DEGREE, LOWEST, derivative
@@ -150,7 +150,7 @@ class _Problem:
 
     def factor(self, p: float) -> Array:
         """Cholesky factor of G + 36 p D D', lower bands."""
-        return np.asarray(cholesky_banded(self.gram + 36.0 * p * self.square, lower=True))
+        return np.asarray(scipy.linalg.cholesky_banded(self.gram + 36.0 * p * self.square, lower=True))
 
     def solve(self, p: float, factor: Array | None = None, refinements: int = 3) -> tuple[Array, Array]:
         """Return s at the samples (N,) and c (N-3,), made better with residuals in longer numbers."""
@@ -160,7 +160,7 @@ class _Problem:
         wanted = 6.0 * _apply(d, self.y.astype(long))
         for _ in range(1 + refinements):
             missing = wanted - _banded(gram, c) - 36.0 * p * _apply(d, _apply_back(d, c) / self.weights)
-            c = c + cho_solve_banded((factor, True), missing.astype(float))
+            c = c + scipy.linalg.cho_solve_banded((factor, True), missing.astype(float))
         return (self.y - 6.0 * p * _apply_back(d, c) / self.weights).astype(np.float64), c.astype(np.float64)
 
     def looked(self, exponent: float) -> tuple[float, float]:
@@ -168,9 +168,9 @@ class _Problem:
         p, n = 10.0**exponent, len(self.y)
         try:
             factor = self.factor(p)
-        except LinAlgError:
+        except scipy.linalg.LinAlgError:
             return math.nan, math.nan
-        rest = 6.0 * p * _apply_back(self.d, cho_solve_banded((factor, True), self.wanted))
+        rest = 6.0 * p * _apply_back(self.d, scipy.linalg.cho_solve_banded((factor, True), self.wanted))
         share = 1.0 - (3.0 + trace_of_solution(factor, self.gram)) / n
         return (float(rest**2 @ (1.0 / self.weights)) / n, max(share, 1e-12)) if share <= 1.0 - 2.9 / n else (math.nan, math.nan)
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from vlmb.model.frozen import read_only
 from vlmb.model.reading import Postures
@@ -118,7 +118,7 @@ def _shared_out(
             last += len(frame)
             feet.append(foot_of(point, footing, frame, last))
             turns.append(frame[:, axes])
-        turn = block_diag(*turns)
+        turn = scipy.linalg.block_diag(*turns)
         if i == 0 and np.linalg.matrix_rank(turn @ jacobian, tol=SHARED) == len(turn):
             return {}
         forces = np.concatenate([found[p.name][i, axes] for p, _ in closed])

@@ -14,8 +14,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from vlmb.core.joints import rows_of_joints
 from vlmb.core.row_arrays import OF_WEIGHT
@@ -145,7 +145,7 @@ class ConstraintSolver:
             self.load += self.jacobian[:, :count] @ (self.weights * wanted[:count])
             least = LOST * mass.diagonal()
         right = self.right if self.slips is None else self._with_friction(self.slips, t, q, v, branch)
-        factor, answer, info = lapack.dposv(mass, right, 0, 1)  # M overwritten
+        factor, answer, info = scipy.linalg.lapack.dposv(mass, right, 0, 1)  # M overwritten
         if info or (self.inertias is not None and (factor.diagonal() ** 2 <= least).any()):
             return None
         self.answers = answer.T[n_controls + 1 :]
@@ -258,11 +258,11 @@ class ConstraintSolver:
             diagonal = matrix.diagonal().tolist()
         self.worth = 1.0
         if self.slips is not None:  # friction makes it unsymmetric
-            factor, order, info = lapack.dgetrf(matrix)
+            factor, order, info = scipy.linalg.lapack.dgetrf(matrix)
             if not info and np.abs(factor.diagonal()).min() > REPEATED * np.abs(matrix).max():
-                return np.asarray(lapack.dgetrs(factor, order, right)[0], float)
+                return np.asarray(scipy.linalg.lapack.dgetrs(factor, order, right)[0], float)
         else:
-            factor, answer, info = lapack.dposv(matrix, right)
+            factor, answer, info = scipy.linalg.lapack.dposv(matrix, right)
             pivots = factor.diagonal().tolist()
             if not info and all(pivot * pivot > REPEATED * own for pivot, own in zip(pivots, diagonal, strict=True)):
                 shares = zip(pivots, diagonal, self.largest, strict=True)

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from vlmb.core.sliding import SLIDES
 from vlmb.model.layout import State
@@ -115,7 +115,7 @@ class Dense:
         for at in self.prescribed:
             mass[at.v], mass[:, at.v] = 0.0, 0.0
             mass[at.v, at.v] = 1.0
-        _, answer, info = lapack.dposv(mass, unit, overwrite_a=1)
+        _, answer, info = scipy.linalg.lapack.dposv(mass, unit, overwrite_a=1)
         if info:
             raise self.diagnostics.singular(q)
         v -= answer * (v[SIDEWAYS] / answer[SIDEWAYS])
@@ -129,7 +129,7 @@ class Dense:
         layout, model, data = self.mechanism.layout, self.mechanism.model, self.frames.data
         nq, nv, end, size = layout.nq, layout.nv, layout.nq + layout.nv, layout.nq + layout.nv + len(self.work_names)
         crba, nle, normalize, world = pin.crba, pin.nonLinearEffects, pin.normalize, pin.Convention.WORLD
-        product, dposv, mass = pin.tangentMapProduct, lapack.dposv, data.M
+        product, dposv, mass = pin.tangentMapProduct, scipy.linalg.lapack.dposv, data.M
         subtract, hypot, calls = np.subtract, math.hypot, self.calls
         dy, tau, accelerations = np.zeros(size), np.zeros(nv), np.zeros(nv)
         qdot, vdot, planar = dy[:nq], dy[nq:end], nq == nv  # planar: no quaternions, and rates are velocities

@@ -12,8 +12,8 @@ from typing import Literal
 
 import msgspec
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from vlmb.errors import SceneError, SingularError, nearest
 from vlmb.model.mechanism import Mechanism
@@ -287,9 +287,9 @@ def _least(g: Array, beta: Array) -> Array | None:
     """Solve G u = beta by LU, by QR for the least u of more controls than rows; None where pivots show rows that repeat."""
     rows, controls = g.shape
     if rows == controls:
-        factor, _, answer, info = lapack.dgesv(g, beta)
+        factor, _, answer, info = scipy.linalg.lapack.dgesv(g, beta)
     else:
-        factor, answer, info = lapack.dgels(g, np.concatenate([beta, np.zeros(controls - rows)]))
+        factor, answer, info = scipy.linalg.lapack.dgels(g, np.concatenate([beta, np.zeros(controls - rows)]))
     least = min(map(abs, factor.diagonal().tolist()))
     return None if info or not least > RANK * max(float(np.abs(g).max()), SMALLEST) else answer
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from vlmb.core import driven
 from vlmb.core.bodies import AT_V, Bodies
@@ -250,7 +250,7 @@ class RobotSolving:
         """Solve (J M^-1 P^T) x = right; the least x where rows repeat each other. Raises SingularError where they contradict."""
         own = matrix.diagonal()
         if not len(self.beside[1]):
-            factor, answer, info = lapack.dposv(matrix, right)
+            factor, answer, info = scipy.linalg.lapack.dposv(matrix, right)
             pivots = factor.diagonal()
             if not info and bool((pivots * pivots > REPEATED * own).all()):
                 return answer
