@@ -104,7 +104,7 @@ def alone(place: Path) -> Iterator[None]:
     with global_compiler_lock, contextlib.ExitStack() as stack:
         if _depth == 0:
             stack.enter_context(_locked(place))
-            stack.enter_context(_lightly_optimized())
+            stack.enter_context(lean())
             if not _announced and not any(place.rglob("*.nbi")):
                 print(ANNOUNCEMENT, file=sys.stderr, flush=True)
                 _announced = True
@@ -116,20 +116,37 @@ def alone(place: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _lightly_optimized() -> Iterator[None]:
-    """Leave out what makes code longer: loops here are short, and unrolled or vectorized they take a fifth more of the compiling.
+def lean() -> Iterator[None]:
+    """Compile without what makes code longer and slower here; the lock of numba is to be held.
 
-    numba reads these settings as it compiles; its lock, which is held here, keeps all others from compiling meanwhile.
+    Loops here are short: unrolled or vectorized they take a fifth more of the compiling. And kernels count indices from 0 on, and
+    no part of an array beyond its end: as numba cannot know that, it would add the length of an axis to every negative index.
+    The mode with checks of bounds finds those.
     """
     import numba
+    from numba.cpython import slicing
+    from numba.np import arrayobj
 
-    settings = cast(Any, numba.config)
-    before = settings.OPT, settings.LOOP_VECTORIZE
+    settings, indexing, parts = cast(Any, numba.config), cast(Any, arrayobj), cast(Any, slicing)
+    before = settings.OPT, settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice
     settings.OPT, settings.LOOP_VECTORIZE = min(before[0], 2), 0
+    indexing.fix_integer_index, parts.fix_slice = _index, _end
     try:
         yield
     finally:
-        settings.OPT, settings.LOOP_VECTORIZE = before
+        settings.OPT, settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice = before
+
+
+def _index(context: Any, builder: Any, kind: Any, index: Any, _: Any) -> Any:
+    """Take an index as it is."""
+    from numba.core import types
+
+    return context.cast(builder, index, kind, types.intp)
+
+
+def _end(builder: Any, part: Any, length: Any) -> None:
+    """Let a part of an array end where the array does, as one without a named end does."""
+    part.stop = builder.select(builder.icmp_signed("<", part.stop, length), part.stop, length)
 
 
 @contextlib.contextmanager
