@@ -117,24 +117,22 @@ def alone(place: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def lean() -> Iterator[None]:
-    """Compile without what makes code longer and slower here; the lock of numba is to be held.
+    """Compile without what makes code longer and slower here; numba's lock is to be held, as it reads all this meanwhile.
 
-    Loops here are short: unrolled or vectorized they take a fifth more of the compiling. And kernels count indices from 0 on, and
-    no part of an array beyond its end: as numba cannot know that, it would add the length of an axis to every negative index.
-    The mode with checks of bounds finds those.
+    Loops here are short: vectorized they take a fifth more of the compiling. And kernels count indices from 0 on; as numba cannot
+    know that, it would add the length of an axis to every index that is negative. The mode with checks of bounds finds those.
     """
     import numba
     from numba.cpython import slicing
     from numba.np import arrayobj
 
     settings, indexing, parts = cast(Any, numba.config), cast(Any, arrayobj), cast(Any, slicing)
-    before = settings.OPT, settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice
-    settings.OPT, settings.LOOP_VECTORIZE = min(before[0], 2), 0
-    indexing.fix_integer_index, parts.fix_slice = _index, _end
+    before = settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice
+    settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice = 0, _index, _end
     try:
         yield
     finally:
-        settings.OPT, settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice = before
+        settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice = before
 
 
 def _index(context: Any, builder: Any, kind: Any, index: Any, _: Any) -> Any:
@@ -170,13 +168,29 @@ def _locked(place: Path) -> Iterator[None]:
         yield
 
 
+def compiled_anew(function: Function, options: dict[str, Any]) -> Function:
+    """Compile a function on its first call in every process."""
+    import numba
+    from numba.core.compiler_lock import global_compiler_lock
+
+    dispatcher = numba.njit(**options)(function)
+    compile_now = dispatcher.compile
+
+    def compile_lean(signature: Any) -> Any:
+        with global_compiler_lock, lean():
+            return compile_now(signature)
+
+    dispatcher.compile = compile_lean
+    return cast(Function, dispatcher)
+
+
 def compiled(function: Function, options: dict[str, Any]) -> Function:
     """Compile a function on its first call, or load what this machine has compiled before."""
     import numba
 
     place, settings = folder(), cast(Any, numba.config)
     if place is None:
-        return cast(Function, numba.njit(**options)(function))
+        return compiled_anew(function, options)
     before = settings.CACHE_DIR
     try:  # numba reads this when it decorates; other functions of the process keep their own place
         settings.CACHE_DIR = str(place)

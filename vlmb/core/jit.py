@@ -49,9 +49,7 @@ def kernel(
 
             return register_jitable(forceinline=True, **PARTS, **options)(function)
         if MODE == "bounds":
-            import numba
-
-            return cast(Function, numba.njit(**options)(function))
+            return cache.compiled_anew(function, options)
         return cache.compiled(function, options)
 
     return decorate if function is None else decorate(function)
