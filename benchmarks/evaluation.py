@@ -42,8 +42,9 @@ from chains import (
 )  # fmt: skip
 
 import vlmb
+from vlmb.core.lanes import LANES
 from vlmb.core.links import accelerate, respond
-from vlmb.core.scratch import Scratch, make_scratch
+from vlmb.core.scratch import Lanes, Scratch, make_lanes, make_scratch
 from vlmb.core.tree import VELOCITIES, Tree
 from vlmb.model.mechanism import Mechanism, build
 from vlmb.model.memory import data_bytes, make_data
@@ -91,20 +92,22 @@ def many(count: int, tree: Tree, y: Array, given: Array, force: Array, dy: Array
 
 
 @numba.njit(_nrt=False)
-def many_responses(count: int, tree: Tree, y: Array, force: Array, dy: Array, scratch: Scratch) -> None:
-    """Respond over and over."""
+def many_responses(count: int, tree: Tree, force: Array, scratch: Scratch, lanes: Lanes) -> None:
+    """Respond over and over, to four loads at a time."""
     for _ in range(count):
-        respond(tree, y, force, dy, scratch)
+        lanes.moved[:] = force
+        respond(tree, scratch, lanes)
 
 
 def core_seconds(base: str, n: int) -> dict[str, float]:
     """Seconds of one evaluation by the core, and of one response to forces with its factors."""
     tree, y = core_chain(base, n)
     given, force, dy, scratch = np.zeros((n, 6)), np.ones(tree.shape[VELOCITIES]), np.zeros_like(y), make_scratch(tree)
+    lanes, loads = make_lanes(n, len(force)), np.ones((len(force), LANES))
     inside = max(1, INSIDE // n)
     found = interleaved({
         "core": lambda: many(inside, tree, y, given, force, dy, scratch),
-        "respond": lambda: many_responses(inside, tree, y, force, dy, scratch),
+        "respond": lambda: many_responses(inside, tree, loads, scratch, lanes),
     })  # fmt: skip
     return {name: seconds / inside for name, seconds in found.items()}
 

@@ -20,7 +20,7 @@ from tests.core.trees import Case, Link
 from vlmb.core import tree as t
 from vlmb.core.energy import energies, places
 from vlmb.core.links import accelerate, respond
-from vlmb.core.scratch import Scratch, axial_forces, edge_force, make_scratch
+from vlmb.core.scratch import Scratch, axial_forces, edge_force, make_lanes, make_scratch
 from vlmb.core.tree import Tree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,9 +43,13 @@ def evaluate(case: Case) -> tuple[np.ndarray, Scratch]:
 
 
 def response(case: Case, scratch: Scratch, force: np.ndarray) -> np.ndarray:
-    out = np.full(len(force), np.nan)
-    assert respond(case.tree, case.y, force, out, scratch) == 0
-    return out
+    """What each of four multiples of the forces adds, over its multiple."""
+    lanes, shares = make_lanes(len(case.tree.link), len(force)), np.array([1.0, -2.0, 0.0, 1024.0])
+    lanes.moved[:] = np.outer(force, shares)
+    lanes.loads[:] = np.nan
+    assert respond(case.tree, scratch, lanes) == 0
+    np.testing.assert_array_equal(lanes.moved, np.outer(lanes.moved[:, 0], shares))
+    return np.array(lanes.moved[:, 0])
 
 
 def relative(found: np.ndarray, right: np.ndarray) -> float:

@@ -104,20 +104,20 @@ def in_plane(m: Sym3) -> Sym3:
 
 
 @kernel(inline=True)
-def hang_force(tree: Tree, rows: Array, i: int, force: Vector) -> None:
+def hang_force(tree: Tree, rows: Array, loads: Array, i: int, force: Vector) -> None:
     """Add the force of a root link on a hinge at rest."""
     n = tree.shape[LINKS]
     _, tau = arm(tree, rows, i)
-    gather_vector(rows, n, c.FORCE, 1.0, force)
-    rows[n, c.TURN_FORCE] += dot(tau, force)
+    gather_vector(loads, n, c.FORCE, 1.0, force)
+    loads[n, c.TURN_FORCE] += dot(tau, force)
 
 
 @kernel(inline=True)
-def hinge_of_root(tree: Tree, rows: Array, i: int) -> Vector:
+def hinge_of_root(tree: Tree, rows: Array, loads: Array, i: int) -> Vector:
     """Find the acceleration of a root link's hinge, less gravity's."""
     n = tree.shape[LINKS]
     place, tau = arm(tree, rows, i)
-    found = add_scaled(add_scaled(row_vector(rows, n, c.POINT), rows[n, c.YAW], tau), -rows[n, c.SPIN], place)
+    found = add_scaled(add_scaled(row_vector(loads, n, c.POINT), loads[n, c.YAW], tau), -loads[n, c.SPIN], place)
     if tree.shape[UPRIGHT] != 0:
         return Vector(found.x, 0.0 * found.y, found.z)  # sideways the plane has its own motion, see sideways.py
     return found
@@ -165,69 +165,69 @@ def no_bias(tree: Tree) -> Vector:
 
 
 @kernel(inline=True)
-def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array) -> int:
+def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array, loads: Array) -> int:
     """Write the base's accelerations to `out` from `at` on, `bias` being its point's without them; returns a fault."""
     n = tree.shape[LINKS]
     kind = tree.shape[BASE_KIND]
     if kind == LIFTED:
-        return move_lifted(tree, bias, force, out, at, rows)
+        return move_lifted(tree, bias, force, out, at, rows, loads)
     if kind >= SKI:
-        return move_ski(tree, bias, force, out, at, rows)
+        return move_ski(tree, bias, force, out, at, rows, loads)
     if kind == PIVOT:
-        put_row(rows, n, c.POINT, bias)
+        put_row(loads, n, c.POINT, bias)
         return 0
-    mass, sums, loads = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(rows, n, c.FORCE)
+    mass, sums, asked = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(loads, n, c.FORCE)
     whole = Sym3(sums.xx + mass, sums.xy, sums.xz, sums.yy + mass, sums.yz, sums.zz + mass)
-    sound, point = solve3(whole, add_scaled(vector(force, 0), -1.0, loads))
-    put_row(rows, n, c.POINT, point)
+    sound, point = solve3(whole, add_scaled(vector(force, 0), -1.0, asked))
+    put_row(loads, n, c.POINT, point)
     put(out, at, add_scaled(point, -1.0, bias))
     return 0 if sound else FREE_BASE
 
 
 @kernel(inline=True)
-def move_lifted(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array) -> int:
+def move_lifted(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array, loads: Array) -> int:
     """Solve for the acceleration of a ski that may leave the snow: all hinges and its centre are at A, so that it turns alone."""
     n = tree.shape[LINKS]
     forward, left = heading(tree, rows)
-    mass, sums, loads = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(rows, n, c.FORCE)
+    mass, sums, asked = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(loads, n, c.FORCE)
     whole = Sym3(sums.xx + mass, sums.xy, sums.xz, sums.yy + mass, sums.yz, sums.zz + mass)
     flat = add_scaled(scale(force[0], forward), force[1], left)
-    sound, point = solve3(whole, add_scaled(Vector(flat.x, flat.y, flat.z + force[3]), -1.0, loads))
+    sound, point = solve3(whole, add_scaled(Vector(flat.x, flat.y, flat.z + force[3]), -1.0, asked))
     moved = add_scaled(point, -1.0, bias)
-    yaw = (force[2] - rows[n, c.TURN_FORCE]) / tree.base[BASE_INERTIA]
-    put_row(rows, n, c.POINT, point)
-    rows[n, c.YAW] = yaw
+    yaw = (force[2] - loads[n, c.TURN_FORCE]) / tree.base[BASE_INERTIA]
+    put_row(loads, n, c.POINT, point)
+    loads[n, c.YAW] = yaw
     out[at], out[at + 1], out[at + 2], out[at + 3] = dot(forward, moved), dot(left, moved), yaw, moved.z
     return 0 if sound else FREE_BASE
 
 
 @kernel(inline=True)
-def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array) -> int:
+def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array, loads: Array) -> int:
     """Solve for speed', [sideways'] and phi'' of a ski; a reduced knife edge crosses the second row and column out."""
     n = tree.shape[LINKS]
     reduced = tree.shape[BASE_KIND] == SKI
-    mass, offset, inertia, spin = tree.base[BASE_MASS], tree.base[COM_OFFSET], tree.base[BASE_INERTIA], rows[n, c.SPIN]
+    mass, offset, inertia, spin = tree.base[BASE_MASS], tree.base[COM_OFFSET], tree.base[BASE_INERTIA], loads[n, c.SPIN]
     forward, left = heading(tree, rows)
-    sums, loads, coupled = row_sym3(rows, n, c.SUM), row_vector(rows, n, c.FORCE), row_vector(rows, n, c.TURN_SUM)
+    sums, asked, coupled = row_sym3(rows, n, c.SUM), row_vector(loads, n, c.FORCE), row_vector(rows, n, c.TURN_SUM)
     sum_forward, sum_left, lever = times(sums, forward), times(sums, left), mass * offset
     # forces and yaw moment felt at the bias
-    felt = add_scaled(add(times(sums, bias), loads), mass, bias)
-    yaw = dot(coupled, bias) + lever * dot(left, bias) + rows[n, c.TURN_FORCE]
+    felt = add_scaled(add(times(sums, bias), asked), mass, bias)
+    yaw = dot(coupled, bias) + lever * dot(left, bias) + loads[n, c.TURN_FORCE]
     matrix = Sym3(
         mass + dot(forward, sum_forward), dot(forward, sum_left), dot(forward, coupled),
         mass + dot(left, sum_left), lever + dot(left, coupled), inertia + lever * offset + rows[n, c.TURN_SQUARE],
     )  # fmt: skip
     along = force[0] + lever * spin - dot(forward, felt)
     if reduced:
-        zero = 0.0 * spin
+        zero = 0.0 * mass
         matrix = Sym3(matrix.xx, zero, matrix.xz, 1.0 + zero, zero, matrix.zz)
         sound, found = solve3(matrix, Vector(along, zero, force[1] - yaw))
         out[at], out[at + 1] = found.x, found.z
     else:
         sound, found = solve3(matrix, Vector(along, force[1] - dot(left, felt), force[2] - yaw))
         put(out, at, found)
-    put_row(rows, n, c.POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
-    rows[n, c.YAW] = found.z
+    put_row(loads, n, c.POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
+    loads[n, c.YAW] = found.z
     return 0 if sound else FREE_BASE
 
 

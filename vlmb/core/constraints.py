@@ -13,6 +13,7 @@ from vlmb.core.angles import FINE
 from vlmb.core.contacts import write_pushes
 from vlmb.core.dense import cholesky, least_singular, least_squares, solve_cholesky, solve_square
 from vlmb.core.jit import inner, kernel
+from vlmb.core.lanes import LANES, side_by_side, wide
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.programme import UNMET, copy, solve_programme
@@ -39,7 +40,7 @@ from vlmb.core.row_arrays import (
 )
 from vlmb.core.rows import OF_FORCES, write_residual
 from vlmb.core.scalars import finite, sqrt
-from vlmb.core.scratch import Scratch
+from vlmb.core.scratch import Lanes, Scratch
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Tree
 
@@ -78,7 +79,7 @@ def constrain(
     if sizes.sliding > 0:
         write_pushes(rows, sizes, space, memory, tape, buffers, quantities, tree, y, given, reference, measured)
     write_wanted(rows, sizes, space, tape, buffers, tree, y)
-    write_moved(sizes, space, tree, y, dy, scratch)
+    write_moved(sizes, space, memory.lanes, tree, dy, scratch)
     if sizes.ideal > 0:
         code = eliminate_ideal(sizes, space)
         if code != 0:
@@ -194,13 +195,15 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
 
 
 @kernel(copied=True)
-def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scratch: Scratch) -> None:
+def write_moved(sizes: Sizes, space: Space, lanes: Lanes, tree: Tree, dy: Array, scratch: Scratch) -> None:
     """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
     count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
-    for k in range(count):
-        respond(tree, y, space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls], space.answers[k], scratch)
-        for j in range(turned.shape[0]):
-            turned[j, k] = space.answers[k, j]
+    for begin in range(0, count, LANES):
+        fill_lanes(sizes, space, begin, count - 1, wide(lanes.moved))
+        respond(tree, scratch, lanes)
+        for k in range(begin, min(begin + LANES, count)):
+            for j in range(turned.shape[0]):
+                turned[j, k] = space.answers[k, j] = lanes.moved[j, k - begin]
     for j in range(turned.shape[0]):
         turned[j, count] = dy[first + j]
     for i in range(sizes.ideal + sizes.beyond):
@@ -213,6 +216,21 @@ def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scr
                 for k in range(count + 1):
                     moved[k] += share * turned[j, k]
         space.wanted[i] -= moved[count]
+
+
+@kernel(copied=True)
+def fill_lanes(sizes: Sizes, space: Space, begin: int, last: int, moved: Array) -> None:
+    """Write what the controls and multipliers from `begin` on push on; the last one again where there are no more."""
+    one, two = pushed_by(sizes, space, begin), pushed_by(sizes, space, min(begin + 1, last))
+    three, four = pushed_by(sizes, space, min(begin + 2, last)), pushed_by(sizes, space, min(begin + 3, last))
+    for j in range(one.shape[0]):
+        moved[j] = side_by_side(one[j], two[j], three[j], four[j])
+
+
+@kernel(copied=True)
+def pushed_by(sizes: Sizes, space: Space, k: int) -> Array:
+    """Return the generalized forces of control k, or of a multiplier beyond the controls."""
+    return space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls]
 
 
 @kernel(copied=True)
@@ -355,17 +373,17 @@ def add_forces(rows: Rows, memory: RowMemory, force: Array) -> None:
 
 
 @kernel
-def project(rows: Rows, memory: RowMemory, tree: Tree, y: Array, scratch: Scratch) -> None:
+def project(memory: RowMemory, tree: Tree, y: Array, scratch: Scratch) -> None:
     """Write into memory.state the state y with v - M^-1 e v_left / (M^-1)_left, where `accelerate` was last."""
-    sizes, first = sizes_of(rows), tree.shape[of.POSITIONS]
-    space = view(sizes, memory)
-    for j in range(space.force.shape[0]):
-        space.force[j] = 1.0 if j == SIDEWAYS else 0.0
-    moved = space.answers[0]
-    respond(tree, y, space.force, moved, scratch)
-    share = y[first + SIDEWAYS] / moved[SIDEWAYS]
+    first = tree.shape[of.POSITIONS]
+    moved = memory.lanes.moved
+    for j in range(moved.shape[0]):
+        for lane in range(LANES):
+            moved[j, lane] = 1.0 if j == SIDEWAYS else 0.0
+    respond(tree, scratch, memory.lanes)
+    share = y[first + SIDEWAYS] / moved[SIDEWAYS, 0]
     for j in range(y.shape[0]):
         memory.state[PROJECTION, j] = y[j]
     for j in range(moved.shape[0]):
-        memory.state[PROJECTION, first + j] -= share * moved[j]
+        memory.state[PROJECTION, first + j] -= share * moved[j, 0]
     memory.state[PROJECTION, first + SIDEWAYS] = 0.0

@@ -160,7 +160,7 @@ def onto_edge(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> in
         memory.force[j] = 0.0
     code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
     if code == 0:
-        project(plant.rows, memory.rows, plant.tree, y, memory.scratch)
+        project(memory.rows, plant.tree, y, memory.scratch)
     return code
 
 

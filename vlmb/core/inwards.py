@@ -5,6 +5,7 @@ from __future__ import annotations
 from vlmb.core import base
 from vlmb.core import scratch as c
 from vlmb.core.jit import kernel
+from vlmb.core.lanes import is_zero
 from vlmb.core.plain import Applied, Bias, Body, body_of, factor, load
 from vlmb.core.rods import Moments, factor_rod, load_rod, whirl
 from vlmb.core.segments import Heading, Segments, heading_of, is_free, norm_of, place_on_parent, segments_of
@@ -70,16 +71,16 @@ def hang_inertia(tree: Tree, rows: Array, i: int, place: float, inertia: Sym3) -
 
 
 @kernel(inline=True)
-def hang_force(tree: Tree, rows: Array, i: int, place: float, force: Vector) -> None:
+def hang_force(tree: Tree, rows: Array, loads: Array, i: int, place: float, force: Vector) -> None:
     """Hand on the force of a link on a hinge at rest."""
     parent = tree.link[i, PARENT]
     if parent < 0:
-        base.hang_force(tree, rows, i, force)
+        base.hang_force(tree, rows, loads, i, force)
     elif tree.link[i, PLACE] == ROD:
-        gather_vector(rows, parent, c.ROD_FORCE, 1.0, force)
-        gather_vector(rows, parent, c.ROD_MOMENT, place, force)
+        gather_vector(loads, parent, c.ROD_FORCE, 1.0, force)
+        gather_vector(loads, parent, c.ROD_MOMENT, place, force)
     else:
-        gather_vector(rows, parent, c.TIP_FORCE, 1.0, force)
+        gather_vector(loads, parent, c.TIP_FORCE, 1.0, force)
 
 
 @kernel(inline=True)
@@ -90,9 +91,9 @@ def sums_of(rows: Array, axes: Axes, i: int) -> Moments:
 
 
 @kernel(inline=True)
-def forces_on_rod(rows: Array, axes: Axes, i: int) -> tuple[Parts, Pair]:
+def forces_on_rod(loads: Array, axes: Axes, i: int) -> tuple[Parts, Pair]:
     """Take the force of children on the rod and its moment across into the axes of the link."""
-    return into(axes, row_vector(rows, i, c.ROD_FORCE)), across(axes, row_vector(rows, i, c.ROD_MOMENT))
+    return into(axes, row_vector(loads, i, c.ROD_FORCE)), across(axes, row_vector(loads, i, c.ROD_MOMENT))
 
 
 @kernel(inline=True)
@@ -150,7 +151,7 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
     c.keep_load(rows, i, applied, held)
     keep_motion(rows, i, heading, turn, bias)
     hang_inertia(tree, rows, i, place, out_of_blocks(axes, inertia))
-    hang_force(tree, rows, i, place, out_of(axes, felt.along, felt.across))
+    hang_force(tree, rows, rows, i, place, out_of(axes, felt.along, felt.across))
     return 0
 
 
@@ -161,43 +162,43 @@ def no_bias(zero: float) -> Bias:
 
 
 @kernel(inline=True)
-def is_idle(tree: Tree, force: Array, rows: Array, i: int) -> bool:
+def is_idle(tree: Tree, force: Array, loads: Array, i: int) -> bool:
     """Tell whether no force acts on link i or on what it carries: then its hinge feels none."""
     at = tree.link[i, AT_V]
     for j in range(at, at + 3 + tree.link[i, LOWER_FREE] + tree.link[i, UPPER_FREE]):
-        if force[j] != 0.0:
+        if not is_zero(force[j]):
             return False
     for j in range(c.TIP_FORCE, c.TIP_FORCE + 3):
-        if rows[i, j] != 0.0:
+        if not is_zero(loads[i, j]):
             return False
     if tree.link[i, ROD_CHILDREN] != 0:
         for j in range(c.ROD_FORCE, c.ROD_MOMENT + 3):
-            if rows[i, j] != 0.0:
+            if not is_zero(loads[i, j]):
                 return False
     return True
 
 
 @kernel(inline=True)
-def gather_force(tree: Tree, force: Array, rows: Array, i: int) -> None:
+def gather_force(tree: Tree, force: Array, rows: Array, loads: Array, i: int) -> None:
     """Load link i by forces alone and hand on what its hinge feels."""
     lower_free, upper_free = is_free(tree, i)
     at = tree.link[i, AT_V]
-    if is_idle(tree, force, rows, i):
-        c.keep_no_load(rows, i)
+    if is_idle(tree, force, loads, i):
+        c.keep_no_load(rows, loads, i)
         return
     axes = axes_of(c.kept_direction(rows, i))
     body, factors = c.kept_factors(tree, rows, i)
-    zero = 0.0 * body.centre
+    zero = 0.0 * force[at]
     pull = force[at + 3] if lower_free else zero
     push = force[at + 3 + tree.link[i, LOWER_FREE]] if upper_free else zero
-    applied, tip_force = Applied(across(axes, vector(force, at)), pull, push), into(axes, row_vector(rows, i, c.TIP_FORCE))
+    applied, tip_force = Applied(across(axes, vector(force, at)), pull, push), into(axes, row_vector(loads, i, c.TIP_FORCE))
     if tree.link[i, ROD_CHILDREN] == 0:
         felt, held = load(lower_free, upper_free, body, factors, applied, no_bias(zero), tip_force)
     else:
-        rod, (children, moment) = c.kept_rod(rows, i), forces_on_rod(rows, axes, i)
+        rod, (children, moment) = c.kept_rod(rows, i), forces_on_rod(loads, axes, i)
         felt, held, rod_load = load_rod(
             lower_free, upper_free, body, factors, rod, applied, no_bias(zero), tip_force, children, moment
         )
-        c.keep_rod_load(rows, i, rod_load)
-    c.keep_load(rows, i, applied, held)
-    hang_force(tree, rows, i, rows[i, c.ON_PARENT], out_of(axes, felt.along, felt.across))
+        c.keep_rod_load(loads, i, rod_load)
+    c.keep_load(loads, i, applied, held)
+    hang_force(tree, rows, loads, i, rows[i, c.ON_PARENT], out_of(axes, felt.along, felt.across))

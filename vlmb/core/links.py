@@ -26,8 +26,9 @@ from __future__ import annotations
 from vlmb.core import base
 from vlmb.core.inwards import gather, gather_force
 from vlmb.core.jit import kernel
+from vlmb.core.lanes import wide
 from vlmb.core.outwards import spread, spread_force
-from vlmb.core.scratch import Scratch, clear, clear_forces
+from vlmb.core.scratch import Lanes, Scratch, clear, clear_forces
 from vlmb.core.sideways import add_sideways
 from vlmb.core.tree import LINKS, PLACES, POSITIONS, UPRIGHT, Array, Tree
 
@@ -49,7 +50,7 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
             return fault * PLACES + i
     if tree.shape[UPRIGHT] != 0:
         add_sideways(tree, y, given, rows)
-    fault = base.move_base(tree, base.base_bias(tree, y, rows), force, dy, tree.shape[POSITIONS], rows)
+    fault = base.move_base(tree, base.base_bias(tree, y, rows), force, dy, tree.shape[POSITIONS], rows, rows)
     if fault != 0:
         return fault * PLACES + n
     base.write_edge(tree, rows)
@@ -60,16 +61,16 @@ def accelerate(tree: Tree, y: Array, given: Array, force: Array, dy: Array, scra
 
 
 @kernel
-def respond(tree: Tree, y: Array, force: Array, out: Array, scratch: Scratch) -> int:
+def respond(tree: Tree, scratch: Scratch, lanes: Lanes) -> int:
     """Write what generalized forces alone add to the accelerations, M^-1 Q, where `accelerate` was last; returns a code.
 
-    force, out (velocities,); given segments do not accelerate. Overwrites the loads in `scratch`, keeps factors and reactions.
+    lanes.moved (velocities, LANES): forces, LANES at a time, and in their place what they add; given segments do not accelerate.
     """
-    n, rows = tree.shape[LINKS], scratch.rows
-    clear_forces(tree, rows)
+    n, rows, loads, moved = tree.shape[LINKS], scratch.rows, wide(lanes.loads), wide(lanes.moved)
+    clear_forces(tree, loads)
     for i in range(n - 1, -1, -1):
-        gather_force(tree, force, rows, i)
-    fault = base.move_base(tree, base.no_bias(tree), force, out, 0, rows)
+        gather_force(tree, moved, rows, loads, i)
+    fault = base.move_base(tree, base.no_bias(tree), moved, moved, 0, rows, loads)
     for i in range(n):
-        spread_force(tree, out, rows, i)
+        spread_force(tree, moved, rows, loads, i)
     return fault * PLACES + n if fault != 0 else 0

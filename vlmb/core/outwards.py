@@ -44,31 +44,32 @@ from vlmb.core.vectors import (
 
 
 @kernel(inline=True)
-def hinge_of(tree: Tree, rows: Array, i: int) -> Vector:
+def hinge_of(tree: Tree, rows: Array, loads: Array, i: int) -> Vector:
     """Find the acceleration of a link's hinge, less gravity's."""
     parent = tree.link[i, PARENT]
     if parent < 0:
-        return base.hinge_of_root(tree, rows, i)
+        return base.hinge_of_root(tree, rows, loads, i)
     if tree.link[i, PLACE] == ROD:
-        return add_scaled(row_vector(rows, parent, c.ROD_MOVE), rows[i, c.ON_PARENT], row_vector(rows, parent, c.TURN_MOVE))
-    return row_vector(rows, parent, c.TIP_MOVE)
+        return add_scaled(row_vector(loads, parent, c.ROD_MOVE), rows[i, c.ON_PARENT], row_vector(loads, parent, c.TURN_MOVE))
+    return row_vector(loads, parent, c.TIP_MOVE)
 
 
 @kernel(inline=True)
 def move_link(
-    tree: Tree, rows: Array, i: int, axes: Axes, hinge: Parts, body: Body, factors: Factors, bias: Bias, square: float
-) -> Move:
+    tree: Tree, rows: Array, loads: Array, i: int, axes: Axes, hinge: Parts, body: Body, factors: Factors, bias: Bias,
+    square: float,
+) -> Move:  # fmt: skip
     """Find how link i moves with its hinge, and keep it for its children; square = |u|^2."""
     lower_free, upper_free = is_free(tree, i)
-    applied, tip = c.kept_load(rows, i)
+    applied, tip = c.kept_load(loads, i)
     if tree.link[i, ROD_CHILDREN] == 0:
         moved = move(lower_free, upper_free, body, factors, applied, bias, tip, hinge)
     else:
-        rod, rod_load = c.kept_rod(rows, i), c.kept_rod_load(rows, i)
+        rod, rod_load = c.kept_rod(rows, i), c.kept_rod_load(loads, i)
         moved = move_rod(lower_free, upper_free, body, factors, rod, bias, tip, rod_load, hinge)
-        put_row(rows, i, c.ROD_MOVE, out_of(axes, moved.along, add2(hinge.across, bias.across)))
-        put_row(rows, i, c.TURN_MOVE, out_of(axes, -square, moved.turn))
-    put_row(rows, i, c.TIP_MOVE, out_of(axes, moved.tip_along, moved.tip_across))
+        put_row(loads, i, c.ROD_MOVE, out_of(axes, moved.along, add2(hinge.across, bias.across)))
+        put_row(loads, i, c.TURN_MOVE, out_of(axes, -square, moved.turn))
+    put_row(loads, i, c.TIP_MOVE, out_of(axes, moved.tip_along, moved.tip_across))
     return moved
 
 
@@ -106,13 +107,13 @@ def write_axial(tree: Tree, rows: Array, i: int, body: Body, factors: Factors, b
 def spread(tree: Tree, y: Array, dy: Array, rows: Array, i: int) -> None:
     """Find the accelerations of link i from that of its hinge, and write its rates."""
     axes = axes_of(c.kept_direction(rows, i))
-    hinge, bias, turn = into(axes, hinge_of(tree, rows, i)), c.kept_bias(rows, i), row_pair(rows, i, c.RATE)
+    hinge, bias, turn = into(axes, hinge_of(tree, rows, rows, i)), c.kept_bias(rows, i), row_pair(rows, i, c.RATE)
     body, factors = c.kept_factors(tree, rows, i)
     square, whirl = dot2(turn, turn), 0.0 * turn.one
     if tree.shape[UPRIGHT] != 0:
         whirl = rows[tree.shape[LINKS], c.SPIN] * axes.d.x
         square += whirl * axes.d.x
-    moved = move_link(tree, rows, i, axes, hinge, body, factors, bias, square)
+    moved = move_link(tree, rows, rows, i, axes, hinge, body, factors, bias, square)
     write_axial(tree, rows, i, body, factors, bias, hinge, moved)
     p, v = tree.link[i, AT_P], tree.shape[POSITIONS] + tree.link[i, AT_V]
     put(dy, p, out_of(axes, 0.0 * square, scale2(rows[i, c.NORM], turn)))
@@ -125,13 +126,13 @@ def spread(tree: Tree, y: Array, dy: Array, rows: Array, i: int) -> None:
 
 
 @kernel(inline=True)
-def spread_force(tree: Tree, out: Array, rows: Array, i: int) -> None:
+def spread_force(tree: Tree, out: Array, rows: Array, loads: Array, i: int) -> None:
     """Find what forces add to the accelerations of link i from what they add to its hinge's."""
     axes = axes_of(c.kept_direction(rows, i))
-    hinge = into(axes, hinge_of(tree, rows, i))
+    hinge = into(axes, hinge_of(tree, rows, loads, i))
     body, factors = c.kept_factors(tree, rows, i)
     zero = 0.0 * body.centre
-    moved = move_link(tree, rows, i, axes, hinge, body, factors, no_bias(zero), zero)
+    moved = move_link(tree, rows, loads, i, axes, hinge, body, factors, no_bias(zero), zero)
     at = tree.link[i, AT_V]
     put(out, at, out_of(axes, zero, moved.turn))
     write_lengths(tree, i, body, hinge, moved, zero, out, at + 3)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vlmb.core.jit import kernel
+from vlmb.core.scratch import Lanes, make_lanes
 from vlmb.core.tree import Array, Integers
 
 # Row 0 of `table`: how many rows the knife edge holds (0, 1), ideal ones, those of the programme, secondary ones, controls; the
@@ -50,6 +51,7 @@ class RowMemory(NamedTuple):
     state: Array  # (2, size of y) see PROJECTION
     given: Array  # (links, 6)
     contacts: Array  # (closed contacts, 17) see contacts.py
+    lanes: Lanes  # for what controls and multipliers add
 
 
 class Sizes(NamedTuple):
@@ -70,7 +72,6 @@ class Space(NamedTuple):
     pushes: Array  # (e, nv) what the multipliers push on: the rows themselves, but with friction where contacts slide
     columns: Array  # (S, nv) forces of the controls over their scales
     answers: Array  # (S + e, nv) M^-1 times columns and J^T
-    force: Array  # (nv,)
     turned: Array  # (nv, S + e + 1) the same as columns, a last
     residual: Array  # (n, 3) z, z', drift
     moved: Array  # (e + r, S + e + 1) lines times these
@@ -106,7 +107,7 @@ def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: 
     """Make the memory for rows of a mechanism with `size` numbers in its state."""
     if not len(rows.table):
         state, given = (np.zeros((2, size)), np.zeros((links, 6))) if driven else (np.zeros((0, 1)), np.zeros((0, 6)))
-        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given, np.zeros((0, 17)))
+        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given, np.zeros((0, 17)), make_lanes(-1, 0))
     held, ideal, servo, second, controls = rows.table[0, : CONTROLS + 1].tolist()
     eliminated, beyond = held + ideal, servo + second
     whole, more = eliminated + beyond, eliminated if rows.table[0, SLIDING] else 0
@@ -115,8 +116,8 @@ def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: 
     contacts = np.zeros((len(rows.contacts), 17))
     contacts[:, : rows.grip.shape[1]] = rows.grip
     return RowMemory(
-        np.zeros((whole + 2 * controls + eliminated + 1 + more, velocities)), np.zeros((height + more, width)),
-        np.zeros((2, size)), np.zeros((links, 6)), contacts,
+        np.zeros((whole + 2 * controls + eliminated + more, velocities)), np.zeros((height + more, width)),
+        np.zeros((2, size)), np.zeros((links, 6)), contacts, make_lanes(links, velocities),
     )  # fmt: skip
 
 
@@ -145,9 +146,9 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     second = first + b
     third = second + b
     more = third + b
-    own, own_apart = (c + 1, more) if sizes.sliding > 0 else (0, apart)
+    own, own_apart = (c, more) if sizes.sliding > 0 else (0, apart)
     return Space(
-        lines[:a], lines[own : own + e], lines[a:b], lines[b:c], lines[c], small[:residual], small[residual:moved],
+        lines[:a], lines[own : own + e], lines[a:b], lines[b:c], small[:residual], small[residual:moved],
         small[moved:square], small[square:solved],
         small[solved:matrix], small[matrix:apart], small[apart:vectors], small[own_apart : own_apart + e],
         small[vectors], small[vectors + 1], small[vectors + 2], small[vectors + 3], small[vectors + 4], small[first:second],

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vlmb.core.jit import kernel
+from vlmb.core.lanes import LANES
 from vlmb.core.plain import Applied, Bias, Body, Factors, TipLoad, body_of
 from vlmb.core.rods import RodFactors, RodLoad
 from vlmb.core.tree import INERTIA, LINKS, MASS, ROD_CHILDREN, TIP_MASS, Array, Tree
@@ -44,6 +45,18 @@ class Scratch(NamedTuple):
     rows: Array  # (n + 1, WIDTH), in one array, because every one costs an evaluation nanoseconds to hand over
 
 
+class Lanes(NamedTuple):
+    """Generalized forces, LANES at a time, in whose place `respond` writes what they add to the accelerations; and its loads."""
+
+    moved: Array  # (velocities, LANES)
+    loads: Array  # (n + 1, WIDTH, LANES)
+
+
+def make_lanes(links: int, velocities: int, dtype: Any = np.float64) -> Lanes:
+    """Make the buffers of `respond` for one thread."""
+    return Lanes(np.zeros((velocities, LANES), dtype), np.zeros((links + 1, WIDTH, LANES), dtype))
+
+
 def make_scratch(tree: Tree, dtype: Any = np.float64) -> Scratch:
     """Make the buffers for a tree."""
     return Scratch(np.zeros((len(tree.link) + 1, WIDTH), dtype))
@@ -72,15 +85,18 @@ def clear(tree: Tree, rows: Array) -> None:
 
 
 @kernel(inline=True)
-def clear_forces(tree: Tree, rows: Array) -> None:
-    """Forget forces and whirl, and keep what depends on the posture."""
+def clear_forces(tree: Tree, loads: Array) -> None:
+    """Begin without forces and without whirl."""
     n, zero = tree.shape[LINKS], 0.0 * tree.base[0]
     for i in range(n):
-        rows[i, TIP_FORCE : TIP_FORCE + 3] = zero
-        if tree.link[i, ROD_CHILDREN] != 0:
-            rows[i, ROD_FORCE : ROD_MOMENT + 3] = zero
-    rows[n, FORCE : FORCE + 3] = zero
-    rows[n, TURN_FORCE] = rows[n, SPIN] = zero
+        for j in range(TIP_FORCE, TIP_FORCE + 3):
+            loads[i, j] = zero
+        for j in range(ROD_FORCE, ROD_MOMENT + 3 if tree.link[i, ROD_CHILDREN] != 0 else ROD_FORCE):
+            loads[i, j] = zero
+    for j in range(FORCE, FORCE + 3):
+        loads[n, j] = zero
+    for j in (TURN_FORCE, SPIN, YAW):
+        loads[n, j] = zero
 
 
 @kernel(inline=True)
@@ -125,38 +141,39 @@ def kept_rod(rows: Array, i: int) -> RodFactors:
 
 
 @kernel(inline=True)
-def keep_load(rows: Array, i: int, applied: Applied, tip: TipLoad) -> None:
+def keep_load(loads: Array, i: int, applied: Applied, tip: TipLoad) -> None:
     """Write what acts on a link."""
-    put_pair(rows, i, TURN, applied.turn)
-    rows[i, PULL], rows[i, PUSH] = applied.pull, applied.push
-    put_pair(rows, i, TIP_ACROSS, tip.across)
-    rows[i, TIP_AXIAL], rows[i, TIP_ALONG] = tip.axial, tip.along
+    put_pair(loads, i, TURN, applied.turn)
+    loads[i, PULL], loads[i, PUSH] = applied.pull, applied.push
+    put_pair(loads, i, TIP_ACROSS, tip.across)
+    loads[i, TIP_AXIAL], loads[i, TIP_ALONG] = tip.axial, tip.along
 
 
 @kernel(inline=True)
-def keep_no_load(rows: Array, i: int) -> None:
+def keep_no_load(rows: Array, loads: Array, i: int) -> None:
     """Write that nothing acts on a link."""
-    rows[i, TURN : SLIDE + 1] = 0.0 * rows[i, DIRECTION]
+    for j in range(TURN, SLIDE + 1):
+        loads[i, j] = 0.0 * rows[i, DIRECTION]
 
 
 @kernel(inline=True)
-def kept_load(rows: Array, i: int) -> tuple[Applied, TipLoad]:
+def kept_load(loads: Array, i: int) -> tuple[Applied, TipLoad]:
     """Read what acts on a link."""
-    applied = Applied(row_pair(rows, i, TURN), rows[i, PULL], rows[i, PUSH])
-    return applied, TipLoad(row_pair(rows, i, TIP_ACROSS), rows[i, TIP_AXIAL], rows[i, TIP_ALONG])
+    applied = Applied(row_pair(loads, i, TURN), loads[i, PULL], loads[i, PUSH])
+    return applied, TipLoad(row_pair(loads, i, TIP_ACROSS), loads[i, TIP_AXIAL], loads[i, TIP_ALONG])
 
 
 @kernel(inline=True)
-def keep_rod_load(rows: Array, i: int, load: RodLoad) -> None:
+def keep_rod_load(loads: Array, i: int, load: RodLoad) -> None:
     """Write what acts on a rod with children."""
-    put_pair(rows, i, ROD_TURN, load.turn)
-    rows[i, SLIDE] = load.slide
+    put_pair(loads, i, ROD_TURN, load.turn)
+    loads[i, SLIDE] = load.slide
 
 
 @kernel(inline=True)
-def kept_rod_load(rows: Array, i: int) -> RodLoad:
+def kept_rod_load(loads: Array, i: int) -> RodLoad:
     """Read what acts on a rod with children."""
-    return RodLoad(row_pair(rows, i, ROD_TURN), rows[i, SLIDE])
+    return RodLoad(row_pair(loads, i, ROD_TURN), loads[i, SLIDE])
 
 
 @kernel(inline=True)

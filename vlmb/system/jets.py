@@ -8,6 +8,7 @@ that what is 0 here but not beside it is not passed by.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -19,7 +20,7 @@ Numbers = NDArray[Any]  # of floats, or of objects
 
 
 class Jet:
-    """A value and its derivatives (n,), which nobody changes."""
+    """A value and its derivatives (n,), which nobody changes; with an array of numbers it is taken with each of them."""
 
     __slots__ = ("slopes", "value")
     __array_ufunc__ = None  # numpy leaves arithmetic with floats of its own to this class
@@ -31,38 +32,50 @@ class Jet:
     def __repr__(self) -> str:
         return f"Jet({self.value!r}, {self.slopes!r})"
 
-    def __add__(self, other: Any) -> Jet:
+    def __add__(self, other: Any) -> Any:
         if type(other) is Jet:
             return Jet(self.value + other.value, self.slopes + other.slopes)
+        if type(other) is np.ndarray:
+            return beside(self, operator.add, other)
         return Jet(self.value + other, self.slopes)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> Jet:
+    def __sub__(self, other: Any) -> Any:
         if type(other) is Jet:
             return Jet(self.value - other.value, self.slopes - other.slopes)
+        if type(other) is np.ndarray:
+            return beside(self, operator.sub, other)
         return Jet(self.value - other, self.slopes)
 
-    def __rsub__(self, other: Any) -> Jet:
+    def __rsub__(self, other: Any) -> Any:
+        if type(other) is np.ndarray:
+            return beside(-self, operator.add, other)
         return Jet(other - self.value, -self.slopes)
 
     def __neg__(self) -> Jet:
         return Jet(-self.value, -self.slopes)
 
-    def __mul__(self, other: Any) -> Jet:
+    def __mul__(self, other: Any) -> Any:
         if type(other) is Jet:
             return Jet(self.value * other.value, self.slopes * other.value + self.value * other.slopes)
+        if type(other) is np.ndarray:
+            return beside(self, operator.mul, other)
         return Jet(self.value * other, self.slopes * other)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> Jet:
+    def __truediv__(self, other: Any) -> Any:
+        if type(other) is np.ndarray:
+            return beside(self, operator.truediv, other)
         if type(other) is Jet:
             value = _quotient(self.value, other.value)
             return Jet(value, (self.slopes - value * other.slopes) * _quotient(1.0, other.value))
         return Jet(_quotient(self.value, other), self.slopes * _quotient(1.0, other))
 
-    def __rtruediv__(self, other: Any) -> Jet:
+    def __rtruediv__(self, other: Any) -> Any:
+        if type(other) is np.ndarray:
+            return beside(1.0 / self, operator.mul, other)
         value = _quotient(other, self.value)
         return Jet(value, (-value * _quotient(1.0, self.value)) * self.slopes)
 
@@ -88,6 +101,11 @@ class Jet:
         if type(other) is Jet:
             return bool(self.value == other.value and (self.slopes == other.slopes).all())
         return bool(self.value == other and not self.slopes.any())
+
+
+def beside(jet: Jet, operation: Callable[[Any, Any], Any], numbers: Numbers) -> Any:
+    """Return what an operation makes of a jet and each of some numbers."""
+    return as_numbers([operation(jet, number) for number in numbers.tolist()])
 
 
 def value_of(number: Any) -> Any:
