@@ -16,6 +16,7 @@ from vlmb.core.jit import inner, kernel
 from vlmb.core.lanes import LANES, side_by_side, wide
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
+from vlmb.core.places import heading
 from vlmb.core.programme import UNMET, copy, solve_programme
 from vlmb.core.quantities import Quantities, add_row_here
 from vlmb.core.row_arrays import (
@@ -126,7 +127,7 @@ def write_lines(
     A row is the sum of its derivatives by leaves times their rows; a control has one quantity, and its scale.
     """
     first, held, count, last = rows.table[0, FIRST], sizes.held, sizes.ideal - sizes.held + sizes.beyond, rows.gains.shape[0] - 1
-    failing, astray = 0, 0
+    failing, astray, h = 0, 0, heading(tree, y)
     if held:
         for j in range(lines.shape[1]):
             lines[0, j] = 1.0 if j == SIDEWAYS else 0.0
@@ -146,7 +147,7 @@ def write_lines(
             if k < count:
                 leaf = tape.entering[j]
                 which, share = tape.leaf[leaf, 1], buffers.adjoint[leaf]
-            sound = add_row_here(quantities, which, tree, y, given, reference, share, line) == FINE and sound
+            sound = add_row_here(quantities, which, tree, y, h, given, reference, share, line) == FINE and sound
         total = 0.0
         for j in range(line.shape[0]):
             total += line[j]

@@ -151,15 +151,14 @@ def push_distance(tree: Tree, i: int, along: int, force: float, out: Array) -> N
 
 
 @inner
-def base_place(tree: Tree, y: Array) -> Motion:
-    """Return place, velocity and drift of the base's point A."""
+def base_place(tree: Tree, y: Array, h: Vector) -> Motion:
+    """Return place, velocity and drift of the base's point A, with the heading h."""
     kind, v = tree.shape[of.BASE_KIND], tree.shape[of.POSITIONS]
     if kind == of.PIVOT:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if kind == of.FREE:
         return (y[0], y[1], y[2]), (y[v], y[v + 1], y[v + 2]), (0.0, 0.0, 0.0)
-    h, w = heading(tree, y), yaw_rate(tree, y)
-    n = leftwards(h)
+    n, w = leftwards(h), yaw_rate(tree, y)
     sideways = y[v + 1] if kind >= of.SLIDING else 0.0
     high, rising = (y[3], y[v + 3]) if kind == of.LIFTED else (0.0, 0.0)
     velocity = plus(scaled(y[v], h), sideways, n)
@@ -215,13 +214,14 @@ def added(total: Motion, r: Moving, d: Motion) -> Motion:
 @kernel
 def point(tree: Tree, y: Array, given: Array, link: int, offset: float, along: int) -> Motion:
     """Return place, velocity and drift of the point of a link at a distance from its hinge."""
-    total = base_place(tree, y)
+    h = heading(tree, y)
+    total = base_place(tree, y, h)
     i = link
     while i >= 0:
         total = added(total, distance(tree, y, given, i, offset, along), link_direction(tree, y, i))
         parent = tree.link[i, of.PARENT]
         if parent < 0:
-            return added(total, (1.0, 0.0, 0.0), turned_arm(tree, y, arm_of(tree, heading(tree, y), i)))
+            return added(total, (1.0, 0.0, 0.0), turned_arm(tree, y, arm_of(tree, h, i)))
         total = plus(total[0], tree.real[i, of.ANCHOR + 1], (0.0, 1.0, 0.0)), total[1], total[2]
         offset, along = place_on(tree, i, parent)
         i = parent

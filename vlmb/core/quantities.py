@@ -102,7 +102,7 @@ def centre_of_mass(share: Array, tree: Tree, y: Array, given: Array) -> tuple[Ve
     """Return place, velocity and drift of the whole mechanism's centre of mass."""
     h, n = places.heading(tree, y), tree.shape[of.LINKS]
     ahead = places.turned_arm(tree, y, scaled(share[n, CONSTANT_SHARE], h))
-    total = places.added(places.base_place(tree, y), (1.0, 0.0, 0.0), ahead)
+    total = places.added(places.base_place(tree, y, h), (1.0, 0.0, 0.0), ahead)
     for i in range(n):
         total = places.added(total, link_share(share, tree, y, given, i), places.link_direction(tree, y, i))
         if tree.link[i, of.PARENT] < 0:
@@ -131,12 +131,14 @@ def push_centre_of_mass(share: Array, tree: Tree, y: Array, given: Array, e: Vec
 @kernel
 def measure(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, out: Array) -> int:
     """Write value, rate and drift of quantity k into out[k] (3,); reference (count, 2). Return a code."""
-    return measure_here(quantities, k, tree, y, given, reference, out)
+    return measure_here(quantities, k, tree, y, places.heading(tree, y), given, reference, out)
 
 
 @kernel(inline=True)
-def measure_here(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, out: Array) -> int:
-    """The same as a part of the caller: calls with so many arrays take longer than most quantities."""
+def measure_here(
+    quantities: Quantities, k: int, tree: Tree, y: Array, h: Vector, given: Array, reference: Array, out: Array
+) -> int:
+    """The same as a part of the caller, with the heading: calls with so many arrays take longer than most quantities."""
     kind, link = quantities.kind[k, KIND], quantities.kind[k, LINK]
     other, along, offset = quantities.kind[k, COMPONENT], quantities.kind[k, ALONG], quantities.offset[k]
     code = FINE
@@ -161,7 +163,7 @@ def measure_here(quantities: Quantities, k: int, tree: Tree, y: Array, given: Ar
     elif kind >= CONSTANT:
         code, found = distance_quantity(quantities, k, tree, y, given)
     else:
-        found = base_quantity(tree, y, kind, other)
+        found = base_quantity(tree, y, h, kind, other)
     out[k, 0], out[k, 1], out[k, 2] = found[0], found[1], found[2]
     return code
 
@@ -224,10 +226,10 @@ def push_place(quantities: Quantities, k: int, tree: Tree, y: Array, given: Arra
 
 
 @inner
-def base_quantity(tree: Tree, y: Array, kind: int, component: int) -> Moving:
+def base_quantity(tree: Tree, y: Array, h: Vector, kind: int, component: int) -> Moving:
     """Return value, rate and drift of a base's place, yaw or speed."""
     if kind == BASE_PLACE:
-        return component_of(places.base_place(tree, y), component)
+        return component_of(places.base_place(tree, y, h), component)
     if kind == SPEED:
         return 0.0, y[tree.shape[of.POSITIONS] + component], 0.0
     return (y[2] if places.steers(tree) else 0.0), places.yaw_rate(tree, y), 0.0
@@ -241,14 +243,14 @@ def add_row(
 
     A force of 0 needs no row: it is never refused.
     """
-    return add_row_here(quantities, k, tree, y, given, reference, scale, out)
+    return add_row_here(quantities, k, tree, y, places.heading(tree, y), given, reference, scale, out)
 
 
 @kernel(inline=True)
 def add_row_here(
-    quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, reference: Array, scale: float, out: Array
+    quantities: Quantities, k: int, tree: Tree, y: Array, h: Vector, given: Array, reference: Array, scale: float, out: Array
 ) -> int:
-    """The same as a part of the caller."""
+    """The same as a part of the caller, with the heading."""
     if scale == 0.0:
         return FINE
     kind, link = quantities.kind[k, KIND], quantities.kind[k, LINK]
@@ -277,7 +279,7 @@ def add_row_here(
     elif kind == CONSTANT:
         return FINE
     elif kind == BASE_PLACE:
-        places.push_base(tree, places.heading(tree, y), scaled(scale, axis(other)), out)
+        places.push_base(tree, h, scaled(scale, axis(other)), out)
     elif kind == SPEED:
         out[other] += scale
     elif places.steers(tree):
@@ -290,8 +292,9 @@ def measure_these(
     quantities: Quantities, these: Integers, tree: Tree, y: Array, given: Array, reference: Array, out: Array
 ) -> int:
     """Measure some quantities into `out` (count, 3); return 0, or code + 3 k of the first k that has no value."""
+    h = places.heading(tree, y)
     for k in these:
-        code = measure_here(quantities, k, tree, y, given, reference, out)
+        code = measure_here(quantities, k, tree, y, h, given, reference, out)
         if code != FINE:
             return code + 3 * k
     return 0
