@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.simulation.test_phases import balanced, mass, of_kind, rod
 from tests.simulation.walkers import MODELS
-from vlmb.system.contacts import HELD
+from vlmb.system.contacts import HELD, by_rows
 from vlmb.system.engines import make_engine
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
@@ -138,31 +138,43 @@ def test_pencil_slips_turns_and_falls_flat(engine):
     assert rests == pytest.approx([0.0, 0.0, G], abs=1e-9) and abs(run.reactions["flat"][-1][0]) < 1e-9
 
 
-@pytest.mark.parametrize(("engine", "count"), [("core", 6), ("pinocchio", 2)])
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("count", [1, 2, 6])
 def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine, count):
-    """Of six links both of Pinocchio's answers are off by 5e-14 or so, which its mass matrix makes of rounding."""
+    """And the ground pushes as rows on the free base would have it."""
     part = {"rod": {"length": 0.8, "mass": 3.0}, "lower": {"length": 0.2, "motion": "free", "stiffness": 4000.0, "damping": 3.0}}
     draw = np.random.default_rng(3)
     for _ in range(3):
         names = [f"{angle}{i}{dot}" for angle in ("phi", "psi") for i in range(1, count + 1) for dot in ("", "_dot")]
         start = dict(zip(names, draw.uniform(-1.0, 1.0, 4 * count).tolist(), strict=True))
+        turning = {"on": f"M_psi{count}", "law": "7 - 2*psi1_dot"}
         flying = {
-            "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base"}], "start": start,
-            "links": count * [{**part, "tip_mass": 1.0}],
+            "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base", "friction": 0.4}], "start": start,
+            "links": count * [{**part, "tip_mass": 1.0}], "forces": [turning, {"on": "F_x", "law": "20 + z"}],
         }  # fmt: skip
-        pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": []}
-        found = []
-        for data in (pivoted, flying):
+        pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": [], "forces": [turning]}
+        found, pushes = [], []
+        for data, hold in ((pivoted, None), (flying, lambda at: at), (flying, by_rows)):
             scene = vlmb.Scene.from_dict(data)
             system = make_system(vlmb.build(scene), scene.run, engine=engine)
             begin = consistent_start(system, 0.0)
-            if system.points:
-                system = system.phase([system.points[0].footing_at(HELD, 0.0, np.zeros(3), plane=False)])
+            if hold is not None:
+                system = system.phase([hold(system.points[0].footing_at(HELD, 0.0, np.zeros(3), plane=False))])
             made = make_engine(system, begin.branch, None, engine)
-            found.append(made.evaluate(0.0, made.pack(begin.state))[made.velocities])
-        on_pivot, on_foot = found
+            y = made.pack(begin.state)
+            found.append(made.evaluate(0.0, y)[made.velocities])
+            if hold is not None:
+                look = made.look_at_contacts(0.0, y)
+                pushes.append(look.ground if not len(look.multipliers) else look.multipliers[[1, 2, 0]])
+                falls, slips = made.indicators(0.0, y)[0][-2:]
+                assert [falls, slips] == pytest.approx(
+                    [pushes[-1][2], 0.4 * pushes[-1][2] - np.hypot(*pushes[-1][:2])], abs=1e-9
+                )
+        on_pivot, on_foot, by_row = found
+        assert np.abs(on_foot[:3]).max() == 0.0
         assert on_foot[3:] == pytest.approx(on_pivot, abs=1e-14 * np.abs(on_pivot).max())
-        assert np.abs(on_foot[:3]).max() < 1e-13 * np.abs(on_pivot).max()
+        assert by_row[3:] == pytest.approx(on_pivot, abs=1e-12 * np.abs(on_pivot).max())
+        assert pushes[0] == pytest.approx(pushes[1], abs=1e-12 * np.abs(pushes[1]).max())
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -39,7 +39,7 @@ from vlmb.core.row_arrays import (
 )
 from vlmb.core.rows import OF_FORCES, write_residual
 from vlmb.core.scalars import finite, sqrt
-from vlmb.core.scratch import Scratch
+from vlmb.core.scratch import GROUND, Scratch
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Tree
 
@@ -94,6 +94,8 @@ def constrain(
     for k in range(sizes.controls + sizes.ideal):
         for j in range(tree.shape[of.VELOCITIES]):
             dy[first + j] += space.shares[k] * space.answers[k, j]
+    if tree.shape[of.BASE_KIND] == of.PLANTED:
+        write_ground(sizes, space, tree, scratch)
     return 0
 
 
@@ -197,8 +199,13 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
 def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scratch: Scratch) -> None:
     """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
     count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
+    planted = tree.shape[of.BASE_KIND] == of.PLANTED
+    if planted:
+        note_ground(space, tree, scratch, count)
     for k in range(count):
         respond(tree, y, space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls], space.answers[k], scratch)
+        if planted:
+            note_ground(space, tree, scratch, k)
         for j in range(turned.shape[0]):
             turned[j, k] = space.answers[k, j]
     for j in range(turned.shape[0]):
@@ -213,6 +220,24 @@ def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scr
                 for k in range(count + 1):
                     moved[k] += share * turned[j, k]
         space.wanted[i] -= moved[count]
+
+
+@kernel(inline=True)
+def note_ground(space: Space, tree: Tree, scratch: Scratch, k: int) -> None:
+    """Note the force of the ground on a planted base, as `accelerate` or `respond` found it."""
+    for axis in range(3):
+        space.ground[axis, k] = scratch.rows[tree.shape[of.LINKS], GROUND + axis]
+
+
+@kernel(inline=True)
+def write_ground(sizes: Sizes, space: Space, tree: Tree, scratch: Scratch) -> None:
+    """Write the force of the ground on a planted base with what controls and multipliers bring."""
+    count = sizes.controls + sizes.ideal
+    for axis in range(3):
+        total = space.ground[axis, count]
+        for k in range(count):
+            total += space.shares[k] * space.ground[axis, k]
+        scratch.rows[tree.shape[of.LINKS], GROUND + axis] = total
 
 
 @kernel(copied=True)

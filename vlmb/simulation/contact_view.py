@@ -159,7 +159,7 @@ class ContactView:
                 place = look.jets[point.index, :3, 0]
                 h = self._heading() if point.edge is not None else (1.0, 0.0)
                 rows = point.row_vectors(footing, point.slope(self.t, place, footing), h)
-                force = look.multipliers[at : at + len(rows)] @ rows
+                force = look.ground if footing.planted else look.multipliers[at : at + len(rows)] @ rows
                 at += len(rows)
                 local = self._frame(point.index) @ force
                 flat = np.zeros(2)

@@ -169,9 +169,18 @@ class PhasedRun(LegSteps):
         goes = (self.t, self.bounds, self.tell, self.longest)
         give, began = self.hand, self.began
         hand = None if give is None else (lambda t, states: give(t, states, began))
-        loop = Loop(mover, self.options, out.y, times, breaks, *goes, hand, self._slides_on)
+        y = self._planted(out, mover)
+        loop = Loop(mover, self.options, y, times, breaks, *goes, hand, self._slides_on)
         self.begun, self.mover = (mover, loop, out.footings), mover
         return mover, loop
+
+    def _planted(self, out: Outcome, mover: Engine) -> Array:
+        """Return the state after an event, in which a base that a contact holds has no speed left by rounding."""
+        y, first = np.array(out.y), mover.velocities.start
+        size = (3 if mover.name == "core" else self.system.mechanism.layout.base_size)
+        if any(at.planted for at in out.footings):
+            y[first : first + size] = 0.0
+        return y
 
     def _slides_on(self, c: int, t: float, y: Array) -> bool:
         """Whether a sliding contact that is at a right angle to its last direction at (t, y) has a speed there."""

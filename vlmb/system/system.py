@@ -114,8 +114,15 @@ class System:
 
     @property
     def prescribed_dofs(self) -> list[int]:
-        """Velocities of known acceleration: of prescribed segments, and the ski's sideways one where it is crossed out."""
-        return [at.v for at in self.prescribed] + ([SIDEWAYS] if self.knife_edge == "reduction" else [])
+        """Velocities of known acceleration: prescribed segments', and what is crossed out: a planted base's, a ski's sideways."""
+        sideways = [SIDEWAYS] if self.knife_edge == "reduction" else []
+        return [*(at.v for at in self.prescribed), *self.planted_dofs, *sideways]
+
+    @property
+    def planted_dofs(self) -> list[int]:
+        """Velocities of a free base that a contact holds."""
+        planted = self.contacts is not None and self.contacts.planted
+        return [*range(self.mechanism.layout.base_size)] if planted else []
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
