@@ -38,8 +38,9 @@ class PhaseSystems:
         self.timed = goes_by_phase_time(system)
         self.kept = engine == "core" and not self.timed
         self.swinging = any("phase_t" in str(leg.attack) for leg in self.scene.legs)  # gaps that go by when a leg let go
-        self.made: dict[object, System] = {}
-        self.probes: dict[object, Probe] = {}
+        shared = system.of_phases if self.kept else None
+        self.made: dict[object, System] = {} if shared is None else shared.systems
+        self.probes: dict[object, Probe] = {} if shared is None or self.scene.legs else shared.probes
 
     def of(self, footings: Sequence[Footing], began: float) -> System:
         """Return the system of a phase that began at a time [s]."""
