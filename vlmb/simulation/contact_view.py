@@ -138,7 +138,7 @@ class ContactView:
         return float(jet[3, 0]) / self._size(point, jet)
 
     def _size(self, point: ContactPoint, jet: Array) -> float:
-        return point.frame(self.t, jet[:3, 0], self.plane, self.standing[point.index])[1]
+        return point.steepness(self.t, jet[:3, 0], self.standing[point.index])[1]
 
     def _local(self, jet: Array, k: int, frame: Array, order: int = 1) -> Array:
         """Return velocity (order 1) or acceleration (2) of a contact over its surface, across it and away from it."""

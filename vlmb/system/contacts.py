@@ -6,6 +6,7 @@ surface. Where a point stands comes in as parameters, so that what is compiled f
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from vlmb.core.contacts import SLOW
 from vlmb.errors import SceneError
+from vlmb.model.coordinates import cross
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.by_phase import acts, is_conditional, programme_at
@@ -171,31 +173,37 @@ class ContactPoint:
 
     def slope(self, t: float, place: Array, footing: Footing) -> Array:
         """Return the gradient (3,) of its surface at a place."""
-        return self.surface.at(t, place)[1]
+        plain = PLAIN.get(self.contact.surface.strip())
+        return self.surface.at(t, place)[1] if plain is None else np.eye(3)[plain]
+
+    def steepness(self, t: float, place: Array, footing: Footing) -> tuple[Array, float]:
+        """Return the unit normal (3,) of its surface at a place, and the size of its gradient there.
+
+        Raises SceneError for a surface without a slope.
+        """
+        slope = self.slope(t, place, footing)
+        size = math.sqrt(slope.dot(slope))
+        if not size > 1e-12 or not math.isfinite(size):
+            where = ", ".join(f"{value:.4g}" for value in place)
+            raise SceneError(f"contacts[{self.index}].surface = {self.contact.surface!r}: has no slope at ({where})")
+        return slope / size, size
 
     def normal(self, footing: Footing) -> Array:
         """Return the unit normal (3,) of its surface where it stands."""
-        slope = self.slope(footing.since, np.array(footing.place), footing)
-        normal: Array = slope / np.linalg.norm(slope)
-        return normal
+        return self.steepness(footing.since, np.array(footing.place), footing)[0]
 
     def frame(self, t: float, place: Array, plane: bool, footing: Footing) -> tuple[Array, float]:
         """Return unit vectors (3, 3) as rows, two across the surface, then its normal; and the size of its gradient.
 
         In a plane the first is the one in it. Raises SceneError for a surface without a slope there.
         """
-        slope = self.slope(t, place, footing)
-        size = float(np.linalg.norm(slope))
-        if not size > 1e-12 or not np.isfinite(size):
-            where = ", ".join(f"{value:.4g}" for value in place)
-            raise SceneError(f"contacts[{self.index}].surface = {self.contact.surface!r}: has no slope at ({where})")
-        normal = slope / size
+        normal, size = self.steepness(t, place, footing)
         other = np.eye(3)[1] if plane else np.eye(3)[int(np.argmin(np.abs(normal)))]
-        first = np.cross(other, normal)
+        first = cross(other, normal)
         first /= np.linalg.norm(first)
         if first[int(np.argmax(np.abs(first)))] < 0.0:
             first = -first
-        return np.array([first, np.cross(normal, first), normal]), size
+        return np.array([first, cross(normal, first), normal]), size
 
     def gap_text(self, footing: Footing) -> str:
         """Return the equation's side that is 0 on the surface, by the mechanism's names."""
