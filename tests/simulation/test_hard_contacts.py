@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,6 +11,7 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.simulation.test_phases import balanced, mass, of_kind, rod
 from tests.simulation.walkers import MODELS
+from vlmb.simulation.phases_data import phases_as_data, phases_from_data
 from vlmb.system.contacts import HELD, by_rows
 from vlmb.system.engines import make_engine
 from vlmb.system.start import consistent_start
@@ -175,6 +178,60 @@ def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine, count):
         assert on_foot[3:] == pytest.approx(on_pivot, abs=1e-14 * np.abs(on_pivot).max())
         assert by_row[3:] == pytest.approx(on_pivot, abs=1e-12 * np.abs(on_pivot).max())
         assert pushes[0] == pytest.approx(pushes[1], abs=1e-12 * np.abs(pushes[1]).max())
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("plane", [False, True])
+def test_foot_at_the_root_beside_rows_pushes_as_its_own_rows_would(engine, plane):
+    """Beside another foot, an ideal constraint, a programme and a length that a law drives, which takes its part, too."""
+    rigid = {"rod": {"length": 0.8, "mass": 3.0}, "tip_mass": 1.0}
+    driven = {**rigid, "lower": {"motion": "prescribed", "law": "0.2 + 0.05*sin(3*t + 1)"}}
+    start = {"psi1": 0.9, "psi2": 0.4, "psi3": -1.1, "psi4": 0.3, "psi1_dot": 0.7, "psi2_dot": -0.4, "psi3_dot": 0.5}
+    scene = vlmb.Scene.from_dict({
+        "plane": plane, "base": {"kind": "free", "mass": 5.0}, "links": [driven, rigid, rigid, rigid],
+        "contacts": [{"name": "root", "point": "base"}, {"name": "tip", "point": "link3.tip", "surface": "z - 0.1*x"}],
+        "constraints": ["psi4 - psi1 = 0.2"], "start": start, "forces": [{"on": "F_x", "law": "12 - x_dot"}],
+        "programme": {"constraints": ["psi2 = 0.4 + 0.1*sin(t)"], "controls": ["M_psi2"], "frequency": 2.0},
+    })  # fmt: skip
+    found = []
+    for hold in (lambda at: at, by_rows):
+        system = make_system(vlmb.build(scene), scene.run, engine=engine)
+        begin, place = consistent_start(system, 0.0), [np.zeros(3), np.array([1.0, 0.0, 0.1])]
+        feet = [hold(point.footing_at(HELD, 0.0, at, plane)) for point, at in zip(system.points, place, strict=True)]
+        made = make_engine(system.phase(feet), begin.branch, None, engine)
+        y = made.pack(begin.state)
+        look = made.look_at_contacts(0.0, y)
+        rates, at = look.rates[made.velocities.start :], 1  # accelerations, and powers of forces
+        push, own = look.ground, len(system.points[0].row_texts(feet[0]))
+        if own:
+            push, at = np.zeros(3), at + own
+            push[[2, 0] if plane else [2, 0, 1]] = look.multipliers[1 : 1 + own]
+        found.append((rates, push, look.multipliers[[0, *range(at, len(look.multipliers))]]))
+    for planted, by_row in zip(*found, strict=True):
+        assert planted == pytest.approx(by_row, abs=1e-11 * np.abs(by_row).max())
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_run_on_a_foot_at_the_root_lies_beside_one_on_a_pivot(engine, tmp_path):
+    """The foot stays where it is to the last digit; files keep how it stands, and those that say nothing of it have its rows."""
+    link = {"rod": {"length": 0.8, "mass": 3.0}, "tip_mass": 1.0}
+    start = {"psi1": -1.3, "phi1": 0.4, "phi1_dot": 0.3, "psi2_dot": 0.5}
+    data = {"links": [link, link], "start": start, "run": {"duration": 0.5, "rtol": 1e-10, "atol": 1e-11, "engine": engine}}
+    pivot = vlmb.simulate(vlmb.Scene.from_dict({**data, "base": {"kind": "pivot"}}))
+    flying = {"base": {"kind": "free", "mass": 2.0}, "contacts": [{"name": "foot", "point": "base", "friction": 0.9}]}
+    run = vlmb.simulate(vlmb.Scene.from_dict({**data, **flying}))
+    assert run.status == "finished" and not run.events and run.stretches[0].footings[0].planted and balanced(run)
+    for name in ("x", "y", "z", "x_dot", "y_dot", "z_dot"):
+        assert not np.any(run[name])
+    assert run.position("link2") == pytest.approx(pivot.position("link2"), abs=1e-9)
+    assert run.reactions["foot"] == pytest.approx(pivot.hinge_force("link1") + np.array([0.0, 0.0, 2.0 * G]), abs=1e-6)
+    again = vlmb.load_trajectory(run.save(tmp_path / "run.npz"))
+    assert again.stretches == run.stretches and np.array_equal(again.reactions["foot"], run.reactions["foot"])
+    kept = phases_as_data(run.stretches, run.events)
+    assert kept["phases"][0][2][0].pop() is True
+    older, _ = phases_from_data(kept, ["foot"], len(run.t))
+    by_row = dataclasses.replace(run, stretches=older)
+    assert not older[0].footings[0].planted and by_row.reactions["foot"] == pytest.approx(run.reactions["foot"], abs=1e-9)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
