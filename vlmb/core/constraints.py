@@ -199,17 +199,17 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
 def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scratch: Scratch) -> None:
     """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
     count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
-    planted = tree.shape[of.BASE_KIND] == of.PLANTED
-    if planted:
-        note_ground(space, tree, scratch, count)
-    for k in range(count):
-        respond(tree, y, space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls], space.answers[k], scratch)
-        if planted:
-            note_ground(space, tree, scratch, k)
-        for j in range(turned.shape[0]):
-            turned[j, k] = space.answers[k, j]
+    axes = 3 if tree.shape[of.BASE_KIND] == of.PLANTED else 0
     for j in range(turned.shape[0]):
         turned[j, count] = dy[first + j]
+    for axis in range(axes):
+        space.ground[axis, count] = scratch.rows[tree.shape[of.LINKS], GROUND + axis]
+    for k in range(count):
+        respond(tree, y, space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls], space.answers[k], scratch)
+        for j in range(turned.shape[0]):
+            turned[j, k] = space.answers[k, j]
+        for axis in range(axes):
+            space.ground[axis, k] = scratch.rows[tree.shape[of.LINKS], GROUND + axis]
     for i in range(sizes.ideal + sizes.beyond):
         line, moved = space.lines[i], space.moved[i]
         for k in range(count + 1):
@@ -222,14 +222,7 @@ def write_moved(sizes: Sizes, space: Space, tree: Tree, y: Array, dy: Array, scr
         space.wanted[i] -= moved[count]
 
 
-@kernel(inline=True)
-def note_ground(space: Space, tree: Tree, scratch: Scratch, k: int) -> None:
-    """Note the force of the ground on a planted base, as `accelerate` or `respond` found it."""
-    for axis in range(3):
-        space.ground[axis, k] = scratch.rows[tree.shape[of.LINKS], GROUND + axis]
-
-
-@kernel(inline=True)
+@inner
 def write_ground(sizes: Sizes, space: Space, tree: Tree, scratch: Scratch) -> None:
     """Write the force of the ground on a planted base with what controls and multipliers bring."""
     count = sizes.controls + sizes.ideal
