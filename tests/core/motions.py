@@ -16,6 +16,7 @@ from vlmb.core import places, tree
 from vlmb.core import quantities as q
 
 Number = Any
+BASES = {tree.PIVOT: (0, 0), tree.FREE: (3, 3), tree.SKI: (3, 2), tree.SLIDING: (3, 3)}  # positions and velocities
 
 
 class Wave:
@@ -38,7 +39,7 @@ class Motion:
         self.base, n = base, len(parents)
         self.plane, self.known = plane, {}
         self.free = rng.integers(0, 2, (n, 2)).astype(bool)
-        self.size = {tree.PIVOT: (0, 0), tree.FREE: (3, 3), tree.SKI: (3, 2), tree.SLIDING: (3, 3)}[base]
+        self.size = BASES[base]
         link, real = np.zeros((n, 8), np.int64), rng.uniform(0.3, 1.5, (n, 16))
         p, v = self.size
         for i in range(n):
@@ -153,7 +154,7 @@ def kinds(motion: Motion) -> list[tuple[tuple[int, int, int, int], float]]:
 def mechanisms() -> list[Motion]:
     """All kinds of base, with trees; in space and in the upright plane of the heading."""
     parents, on_rod = [-1, 0, 1, -1], [False, False, True, False]
-    found = [Motion(base, parents, on_rod, 3 + base) for base in range(4)]
+    found = [Motion(base, parents, on_rod, 3 + at) for at, base in enumerate(BASES)]
     return [
         *found,
         Motion(tree.SKI, parents, on_rod, 11, plane=True),

@@ -7,7 +7,7 @@ import sys
 import mpmath
 import numpy as np
 
-from tests.core.motions import Motion
+from tests.core.motions import BASES, Motion
 from vlmb.core import places, springs, tree
 
 LINE = [-1, 0, 0]
@@ -67,7 +67,7 @@ def turning_with_the_ski() -> list[str]:
 
 if __name__ == "__main__":
     mpmath.mp.dps = 50
-    motions = [Motion(base, LINE, [False] * 3, 20 + base) for base in range(4)]
+    motions = [Motion(base, LINE, [False] * 3, 20 + at) for at, base in enumerate(BASES)]
     motions += [Motion(base, LINE, [False] * 3, 30, plane=True) for base in (tree.SKI, tree.SLIDING)]
     found = [text for motion in motions for text in wrong(motion)] + turning_with_the_ski()
     print("\n".join(found) or "fine")

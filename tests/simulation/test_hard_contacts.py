@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,7 +11,8 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.simulation.test_phases import balanced, mass, of_kind, rod
 from tests.simulation.walkers import MODELS
-from vlmb.system.contacts import HELD
+from vlmb.simulation.phases_data import phases_as_data, phases_from_data
+from vlmb.system.contacts import HELD, by_rows
 from vlmb.system.engines import make_engine
 from vlmb.system.start import consistent_start
 from vlmb.system.system import make_system
@@ -138,31 +141,97 @@ def test_pencil_slips_turns_and_falls_flat(engine):
     assert rests == pytest.approx([0.0, 0.0, G], abs=1e-9) and abs(run.reactions["flat"][-1][0]) < 1e-9
 
 
-@pytest.mark.parametrize(("engine", "count"), [("core", 6), ("pinocchio", 2)])
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("count", [1, 2, 6])
 def test_foot_at_the_root_that_is_held_moves_as_on_a_pivot(engine, count):
-    """Of six links both of Pinocchio's answers are off by 5e-14 or so, which its mass matrix makes of rounding."""
+    """And the ground pushes as rows on the free base would have it."""
     part = {"rod": {"length": 0.8, "mass": 3.0}, "lower": {"length": 0.2, "motion": "free", "stiffness": 4000.0, "damping": 3.0}}
     draw = np.random.default_rng(3)
     for _ in range(3):
         names = [f"{angle}{i}{dot}" for angle in ("phi", "psi") for i in range(1, count + 1) for dot in ("", "_dot")]
         start = dict(zip(names, draw.uniform(-1.0, 1.0, 4 * count).tolist(), strict=True))
+        turning = {"on": f"M_psi{count}", "law": "7 - 2*psi1_dot"}
         flying = {
-            "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base"}], "start": start,
-            "links": count * [{**part, "tip_mass": 1.0}],
+            "base": {"kind": "free", "mass": 5.0}, "contacts": [{"point": "base", "friction": 0.4}], "start": start,
+            "links": count * [{**part, "tip_mass": 1.0}], "forces": [turning, {"on": "F_x", "law": "20 + z"}],
         }  # fmt: skip
-        pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": []}
-        found = []
-        for data in (pivoted, flying):
+        pivoted = {**flying, "base": {"kind": "pivot"}, "contacts": [], "forces": [turning]}
+        found, pushes = [], []
+        for data, hold in ((pivoted, None), (flying, lambda at: at), (flying, by_rows)):
             scene = vlmb.Scene.from_dict(data)
             system = make_system(vlmb.build(scene), scene.run, engine=engine)
             begin = consistent_start(system, 0.0)
-            if system.points:
-                system = system.phase([system.points[0].footing_at(HELD, 0.0, np.zeros(3), plane=False)])
+            if hold is not None:
+                system = system.phase([hold(system.points[0].footing_at(HELD, 0.0, np.zeros(3), plane=False))])
             made = make_engine(system, begin.branch, None, engine)
-            found.append(made.evaluate(0.0, made.pack(begin.state))[made.velocities])
-        on_pivot, on_foot = found
+            y = made.pack(begin.state)
+            found.append(made.evaluate(0.0, y)[made.velocities])
+            if hold is not None:
+                look = made.look_at_contacts(0.0, y)
+                pushes.append(look.ground if not len(look.multipliers) else look.multipliers[[1, 2, 0]])
+                falls, slips = made.indicators(0.0, y)[0][-2:]
+                assert [falls, slips] == pytest.approx(
+                    [pushes[-1][2], 0.4 * pushes[-1][2] - np.hypot(*pushes[-1][:2])], abs=1e-9
+                )
+        on_pivot, on_foot, by_row = found
+        assert np.abs(on_foot[:3]).max() == 0.0
         assert on_foot[3:] == pytest.approx(on_pivot, abs=1e-14 * np.abs(on_pivot).max())
-        assert np.abs(on_foot[:3]).max() < 1e-13 * np.abs(on_pivot).max()
+        assert by_row[3:] == pytest.approx(on_pivot, abs=1e-12 * np.abs(on_pivot).max())
+        assert pushes[0] == pytest.approx(pushes[1], abs=1e-12 * np.abs(pushes[1]).max())
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("plane", [False, True])
+def test_foot_at_the_root_beside_rows_pushes_as_its_own_rows_would(engine, plane):
+    """Beside another foot, an ideal constraint, a programme and a length that a law drives, which takes its part, too."""
+    rigid = {"rod": {"length": 0.8, "mass": 3.0}, "tip_mass": 1.0}
+    driven = {**rigid, "lower": {"motion": "prescribed", "law": "0.2 + 0.05*sin(3*t + 1)"}}
+    start = {"psi1": 0.9, "psi2": 0.4, "psi3": -1.1, "psi4": 0.3, "psi1_dot": 0.7, "psi2_dot": -0.4, "psi3_dot": 0.5}
+    scene = vlmb.Scene.from_dict({
+        "plane": plane, "base": {"kind": "free", "mass": 5.0}, "links": [driven, rigid, rigid, rigid],
+        "contacts": [{"name": "root", "point": "base"}, {"name": "tip", "point": "link3.tip", "surface": "z - 0.1*x"}],
+        "constraints": ["psi4 - psi1 = 0.2"], "start": start, "forces": [{"on": "F_x", "law": "12 - x_dot"}],
+        "programme": {"constraints": ["psi2 = 0.4 + 0.1*sin(t)"], "controls": ["M_psi2"], "frequency": 2.0},
+    })  # fmt: skip
+    found = []
+    for hold in (lambda at: at, by_rows):
+        system = make_system(vlmb.build(scene), scene.run, engine=engine)
+        begin, place = consistent_start(system, 0.0), [np.zeros(3), np.array([1.0, 0.0, 0.1])]
+        feet = [hold(point.footing_at(HELD, 0.0, at, plane)) for point, at in zip(system.points, place, strict=True)]
+        made = make_engine(system.phase(feet), begin.branch, None, engine)
+        y = made.pack(begin.state)
+        look = made.look_at_contacts(0.0, y)
+        rates, at = look.rates[made.velocities.start :], 1  # accelerations, and powers of forces
+        push, own = look.ground, len(system.points[0].row_texts(feet[0]))
+        if own:
+            push, at = np.zeros(3), at + own
+            push[[2, 0] if plane else [2, 0, 1]] = look.multipliers[1 : 1 + own]
+        found.append((rates, push, look.multipliers[[0, *range(at, len(look.multipliers))]]))
+    for planted, by_row in zip(*found, strict=True):
+        assert planted == pytest.approx(by_row, abs=1e-11 * np.abs(by_row).max())
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_run_on_a_foot_at_the_root_lies_beside_one_on_a_pivot(engine, tmp_path):
+    """The foot stays where it is to the last digit; files keep how it stands, and those that say nothing of it have its rows."""
+    link = {"rod": {"length": 0.8, "mass": 3.0}, "tip_mass": 1.0}
+    start = {"psi1": -1.3, "phi1": 0.4, "phi1_dot": 0.3, "psi2_dot": 0.5}
+    data = {"links": [link, link], "start": start, "run": {"duration": 0.5, "rtol": 1e-10, "atol": 1e-11, "engine": engine}}
+    pivot = vlmb.simulate(vlmb.Scene.from_dict({**data, "base": {"kind": "pivot"}}))
+    flying = {"base": {"kind": "free", "mass": 2.0}, "contacts": [{"name": "foot", "point": "base", "friction": 0.9}]}
+    run = vlmb.simulate(vlmb.Scene.from_dict({**data, **flying}))
+    assert run.status == "finished" and not run.events and run.stretches[0].footings[0].planted and balanced(run)
+    for name in ("x", "y", "z", "x_dot", "y_dot", "z_dot"):
+        assert not np.any(run[name])
+    assert run.position("link2") == pytest.approx(pivot.position("link2"), abs=1e-9)
+    assert run.reactions["foot"] == pytest.approx(pivot.hinge_force("link1") + np.array([0.0, 0.0, 2.0 * G]), abs=1e-6)
+    again = vlmb.load_trajectory(run.save(tmp_path / "run.npz"))
+    assert again.stretches == run.stretches and np.array_equal(again.reactions["foot"], run.reactions["foot"])
+    kept = phases_as_data(run.stretches, run.events)
+    assert kept["phases"][0][2][0].pop() is True
+    older, _ = phases_from_data(kept, ["foot"], len(run.t))
+    by_row = dataclasses.replace(run, stretches=older)
+    assert not older[0].footings[0].planted and by_row.reactions["foot"] == pytest.approx(run.reactions["foot"], abs=1e-9)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

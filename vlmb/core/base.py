@@ -9,6 +9,9 @@ with phi'. A hinge at r moves with a_A + phi'' tau - phi'^2 r (horizontal part),
 Where there is no heading the axes are zero, and so is tau. Accelerations are less gravity's. Links in upright planes along a ski
 ask through their hinges for forces ahead and up alone; what they ask for sideways is in sideways.py. All vectors are then in the
 frame of the ski.
+
+A free base that a contact holds, planted, does as a fixed point does: its rows and columns are crossed out. What it asks for
+beyond the forces on it, m a_A + S0 a_A + f0 - Q with a_A = -g, is the force of the ground.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from vlmb.core.tree import (
     LIFTED,
     LINKS,
     PIVOT,
+    PLANTED,
     POSITIONS,
     SKI,
     TINY,
@@ -177,6 +181,12 @@ def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows:
         put_row(loads, n, c.POINT, bias)
         return 0
     mass, sums, asked = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(loads, n, c.FORCE)
+    if kind == PLANTED:
+        zero = 0.0 * mass
+        put_row(loads, n, c.POINT, bias)
+        put_row(loads, n, c.GROUND, add_scaled(add_scaled(add(times(sums, bias), asked), mass, bias), -1.0, vector(force, 0)))
+        put(out, at, Vector(zero, zero, zero))
+        return 0
     whole = Sym3(sums.xx + mass, sums.xy, sums.xz, sums.yy + mass, sums.yz, sums.zz + mass)
     sound, point = solve3(whole, add_scaled(vector(force, 0), -1.0, asked))
     put_row(loads, n, c.POINT, point)
@@ -248,7 +258,7 @@ def drive_base(tree: Tree, y: Array, dy: Array, rows: Array) -> None:
     """Write the rates of the base's positions."""
     n = tree.shape[LINKS]
     kind, first = tree.shape[BASE_KIND], tree.shape[POSITIONS]
-    if kind == FREE:
+    if kind in (FREE, PLANTED):
         put(dy, 0, vector(y, first))
     elif kind != PIVOT:
         cosine, sine, speed = rows[n, c.COSINE], rows[n, c.SINE], y[first]

@@ -13,12 +13,13 @@ from vlmb.core.angles import FINE
 from vlmb.core.contacts import write_pushes
 from vlmb.core.dense import cholesky, least_singular, least_squares, solve_cholesky, solve_square
 from vlmb.core.jit import inner, kernel
-from vlmb.core.lanes import LANES, side_by_side, wide
+from vlmb.core.lanes import LANES
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
 from vlmb.core.places import heading
 from vlmb.core.programme import UNMET, copy, solve_programme
 from vlmb.core.quantities import Quantities, add_row_here
+from vlmb.core.responses import write_ground, write_moved
 from vlmb.core.row_arrays import (
     ALONG,
     BEHIND,
@@ -41,7 +42,7 @@ from vlmb.core.row_arrays import (
 )
 from vlmb.core.rows import OF_FORCES, write_residual
 from vlmb.core.scalars import finite, sqrt
-from vlmb.core.scratch import Lanes, Scratch
+from vlmb.core.scratch import Scratch
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Tree
 
@@ -96,6 +97,8 @@ def constrain(
     for k in range(sizes.controls + sizes.ideal):
         for j in range(tree.shape[of.VELOCITIES]):
             dy[first + j] += space.shares[k] * space.answers[k, j]
+    if tree.shape[of.BASE_KIND] == of.PLANTED:
+        write_ground(sizes, space, tree, scratch)
     return 0
 
 
@@ -193,45 +196,6 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
         if entry[OF_ROW] >= 0:
             gain = buffers.slots[tape.root[entry[ROOT]], 0]
             wanted[held + entry[OF_ROW]] += gain * space.residual[entry[COLUMN] % count, entry[COLUMN] // count]
-
-
-@kernel(copied=True)
-def write_moved(sizes: Sizes, space: Space, lanes: Lanes, tree: Tree, dy: Array, scratch: Scratch) -> None:
-    """Write what every control and every multiplier adds to all accelerations, and to those of the rows; and what these lack."""
-    count, first, turned = sizes.controls + sizes.ideal, tree.shape[of.POSITIONS], space.turned
-    for begin in range(0, count, LANES):
-        fill_lanes(sizes, space, begin, count - 1, wide(lanes.moved))
-        respond(tree, scratch, lanes)
-        for k in range(begin, min(begin + LANES, count)):
-            for j in range(turned.shape[0]):
-                turned[j, k] = space.answers[k, j] = lanes.moved[j, k - begin]
-    for j in range(turned.shape[0]):
-        turned[j, count] = dy[first + j]
-    for i in range(sizes.ideal + sizes.beyond):
-        line, moved = space.lines[i], space.moved[i]
-        for k in range(count + 1):
-            moved[k] = 0.0
-        for j in range(line.shape[0]):
-            share = line[j]
-            if share != 0.0:  # rows name few velocities
-                for k in range(count + 1):
-                    moved[k] += share * turned[j, k]
-        space.wanted[i] -= moved[count]
-
-
-@kernel(copied=True)
-def fill_lanes(sizes: Sizes, space: Space, begin: int, last: int, moved: Array) -> None:
-    """Write what the controls and multipliers from `begin` on push on; the last one again where there are no more."""
-    one, two = pushed_by(sizes, space, begin), pushed_by(sizes, space, min(begin + 1, last))
-    three, four = pushed_by(sizes, space, min(begin + 2, last)), pushed_by(sizes, space, min(begin + 3, last))
-    for j in range(one.shape[0]):
-        moved[j] = side_by_side(one[j], two[j], three[j], four[j])
-
-
-@kernel(copied=True)
-def pushed_by(sizes: Sizes, space: Space, k: int) -> Array:
-    """Return the generalized forces of control k, or of a multiplier beyond the controls."""
-    return space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls]
 
 
 @kernel(copied=True)

@@ -8,6 +8,8 @@ across where it does not slip. One that slides pushes on
 per unit of its multiplier: d is the unit vector that it slides along, J_x ... are the rows of the point's place. In a plane d
 keeps its side; in space it is v/|v|, and the last one where |v| is nearly 0 or turns back: friction that turned round there
 would stop every step.
+
+One that holds the point of a free base has no rows: the base is planted (base.py), and its force is the ground's on the base.
 """
 
 from __future__ import annotations
@@ -22,13 +24,14 @@ from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Integers, Tree
 from vlmb.core.triples import Vector, across, dot, plus, scaled
 
-# Columns of `contacts` of rows: the ideal row along the gradient, how many rows it has with those across, the quantities that
-# are the point's place (-1: none), work states of what friction takes and of what a moving surface gives (or -1), whether it
-# slides.
+# Columns of `contacts` of rows: the ideal row along the gradient, how many rows it has with those across (none on a planted base,
+# and where others carry), the quantities that are the point's place (-1: none), work states of what friction takes and of what a
+# moving surface gives (or -1), whether it slides.
 AT, COUNT, PLACE, HEAT, CARRIED, SLIDES = 0, 1, 2, 5, 6, 7
 # Columns of `grip`, and of `contacts` of a memory: coefficient while it slides and at rest, velocity of the surface [m/s], unit
-# vector that it slides along, whether it may slide any way (1) or to and fro (0), or is a ski (2), whose shares ahead and to the
-# left stand for the vector; then, written by evaluations: |g|, the normal, how fast it slides [m/s], along what.
+# vector that it slides along, of a planted base its normal, whether it may slide any way (1) or to and fro (0), or is a ski (2),
+# whose shares ahead and to the left stand for the vector; then, written by evaluations: |g|, the normal, how fast it slides
+# [m/s], along what.
 MU, MU_AT_REST, SURFACE, TOWARDS, ANY_WAY, SIZE, NORMAL, SPEED, ALONG = 0, 1, 2, 5, 8, 9, 10, 13, 14
 OF_SKI = 2.0
 SLOW = 1e-6  # [m/s] below which the last direction stays
@@ -163,6 +166,18 @@ def held_by(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers
         force = plus(force, space.shares[sizes.controls + r], g)
         if k == 0:
             normal = scaled(1.0 / sqrt(dot(g, g)), g)
+    push = dot(force, normal)
+    flat = plus(force, -push, normal)
+    return push, sqrt(dot(flat, flat))
+
+
+@inner
+def held_by_ground(rows: Rows, memory: RowMemory, c: int, force: Vector) -> tuple[float, float]:
+    """Return normal force and friction [N] of the contact that holds a planted base, by the force of the ground on it."""
+    normal, place = three(memory.contacts[c], TOWARDS), rows.contacts[c, PLACE : PLACE + 3]
+    force = (
+        force[0] if place[0] >= 0 else 0.0, force[1] if place[1] >= 0 else 0.0, force[2] if place[2] >= 0 else 0.0
+    )  # fmt: skip
     push = dot(force, normal)
     flat = plus(force, -push, normal)
     return push, sqrt(dot(flat, flat))

@@ -26,6 +26,7 @@ from vlmb.core.tree import (
     PARENT,
     PIVOT,
     PLACE,
+    PLANTED,
     POSITIONS,
     REST1,
     REST2,
@@ -66,7 +67,7 @@ def carried_by_base(tree: Tree, y: Array, ahead: float, aside: float, high: floa
     kind, first, zero = tree.shape[BASE_KIND], tree.shape[POSITIONS], 0.0 * ahead
     if kind == PIVOT:
         return Vector(ahead, aside, high), Vector(zero, zero, zero)
-    if kind == FREE:
+    if kind in (FREE, PLANTED):
         return vector(y, 0), vector(y, first)
     forward, left = Vector(cos(y[2]), sin(y[2]), zero), Vector(-sin(y[2]), cos(y[2]), zero)
     yaw, sideways = yaw_of(tree, y), zero if kind == SKI else y[first + 1]

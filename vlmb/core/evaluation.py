@@ -126,8 +126,9 @@ def play_laws(plant: Plant, memory: Memory, t: float, y: Array) -> int:
     """Play the laws: first those of time, which give the driven lengths, then those that see the state."""
     tape, buffers = plant.tape, memory.buffers
     drive(plant, memory, t)
-    if tape.used.shape[0] > 0:
-        code = measure_these(plant.quantities, tape.used, plant.tree, y, memory.given, memory.reference, memory.measured)
+    if tape.parts[op.READ] > 0:
+        used = tape.used[: tape.parts[op.READ]]
+        code = measure_these(plant.quantities, used, plant.tree, y, memory.given, memory.reference, memory.measured)
         if code != 0:
             return FROM_QUANTITY * SOURCES + code
         read_state(tape, memory.measured, buffers.slots)

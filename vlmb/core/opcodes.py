@@ -27,8 +27,8 @@ TIME, PARAMETER, VALUE, RATE, SIGNAL = range(5)
 OF_PARAMETERS, OF_TIME, OF_STATE = range(3)
 
 # Entries of `parts`: how many leaves, then where the operations of parameters, of time, and all that the roots need end; how many
-# leaves are of time.
-LEAVES, PARAMETERS_END, TIME_END, ROOTS_END, ALL_END, TIMED = range(6)
+# leaves are of time; how many quantities the roots that evaluations need read.
+LEAVES, PARAMETERS_END, TIME_END, ROOTS_END, ALL_END, TIMED, READ = range(7)
 
 # Switches: the slope jumps; the value jumps; it jumps where the other operand is negative (atan2); a domain ends, or a pole.
 KINK, JUMP, CUT, EDGE = range(4)
@@ -38,17 +38,18 @@ SWITCH_SLOT, SWITCH_OPERATION, SWITCH_KIND, SWITCH_OF = range(4)  # columns of `
 class Tape(NamedTuple):
     """Expressions as operations in order; slot k is leaf k, slot (leaves + k) the result of operation k.
 
-    Operations stand in the order: of parameters, of time, of the state, then those that switches alone need.
+    Operations stand in the order: of parameters, of time, of the state, then those that switches alone need, and roots that
+    are looked at after a step alone.
     """
 
     code: Integers  # (operations, 4) operation and slots
     constant: Array  # (operations,)
     leaf: Integers  # (leaves, 2) kind, and which one
     root: Integers  # (roots,) slots
-    parts: Integers  # (6,)
+    parts: Integers  # (7,)
     sweep: Integers  # operations of the roots, one root after the other, each last first
     sweep_ends: Integers  # (roots, 3) in `sweep`: begin, end of those of the state, end
-    used: Integers  # quantities that leaves read
+    used: Integers  # quantities that leaves read; those that evaluations need first
     entering: Integers  # leaves that the row of a root is made of, its rates or else its values; one root after the other
     entering_ends: Integers  # (roots, 2) in `entering`: begin and end
     switch: Integers  # (switches, 4) slot whose sign decides, operation, kind, what it depends on

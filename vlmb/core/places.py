@@ -156,7 +156,7 @@ def base_place(tree: Tree, y: Array, h: Vector) -> Motion:
     kind, v = tree.shape[of.BASE_KIND], tree.shape[of.POSITIONS]
     if kind == of.PIVOT:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if kind == of.FREE:
+    if kind in (of.FREE, of.PLANTED):
         return (y[0], y[1], y[2]), (y[v], y[v + 1], y[v + 2]), (0.0, 0.0, 0.0)
     n, w = leftwards(h), yaw_rate(tree, y)
     sideways = y[v + 1] if kind >= of.SLIDING else 0.0
@@ -169,7 +169,7 @@ def base_place(tree: Tree, y: Array, h: Vector) -> Motion:
 def push_base(tree: Tree, h: Vector, e: Vector, out: Array) -> None:
     """Add the row of e . place of the base's point A, with the heading h."""
     kind = tree.shape[of.BASE_KIND]
-    if kind == of.FREE:
+    if kind in (of.FREE, of.PLANTED):
         out[0] += e[0]
         out[1] += e[1]
         out[2] += e[2]

@@ -80,6 +80,7 @@ class Space(NamedTuple):
     matrix: Array  # (r, S) G of (5.6) in the scales of the controls
     apart: Array  # (e, driven lengths) rows over the rates of driven lengths
     pushes_apart: Array  # (e, driven lengths) what the multipliers push on there
+    ground: Array  # (3, S + e + 1) forces [N] on a planted base that controls and multipliers bring, and that without them
     wanted: Array  # (e + r,) what accelerations of the rows lack; beyond the eliminated ones beta of (5.6)
     shares: Array  # (S + e,) controls over their scales, multipliers
     errors: Array  # (e + r,) of rows that could not be met
@@ -105,16 +106,16 @@ def sizes_of(rows: Rows) -> Sizes:
 
 def make_row_memory(rows: Rows, velocities: int, size: int, links: int, driven: int) -> RowMemory:
     """Make the memory for rows of a mechanism with `size` numbers in its state."""
+    contacts = np.zeros((len(rows.contacts), 17))
+    contacts[:, : rows.grip.shape[1]] = rows.grip
     if not len(rows.table):
         state, given = (np.zeros((2, size)), np.zeros((links, 6))) if driven else (np.zeros((0, 1)), np.zeros((0, 6)))
-        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given, np.zeros((0, 17)), make_lanes(-1, 0))
+        return RowMemory(np.zeros((0, 1)), np.zeros((0, 1)), state, given, contacts, make_lanes(-1, 0))
     held, ideal, servo, second, controls = rows.table[0, : CONTROLS + 1].tolist()
     eliminated, beyond = held + ideal, servo + second
     whole, more = eliminated + beyond, eliminated if rows.table[0, SLIDING] else 0
     width = max(whole, controls + eliminated + 1, driven, 8)
-    height = velocities + whole - held + whole + 3 * eliminated + beyond + 5 + 3 * (whole + controls)
-    contacts = np.zeros((len(rows.contacts), 17))
-    contacts[:, : rows.grip.shape[1]] = rows.grip
+    height = velocities + whole - held + whole + 3 * eliminated + beyond + 8 + 3 * (whole + controls)
     return RowMemory(
         np.zeros((whole + 2 * controls + eliminated + more, velocities)), np.zeros((height + more, width)),
         np.zeros((2, size)), np.zeros((links, 6)), contacts, make_lanes(links, velocities),
@@ -146,11 +147,11 @@ def view(sizes: Sizes, memory: RowMemory) -> Space:
     second = first + b
     third = second + b
     more = third + b
-    own, own_apart = (c, more) if sizes.sliding > 0 else (0, apart)
+    own, own_apart, ground = (c, more, more + e) if sizes.sliding > 0 else (0, apart, more)
     return Space(
         lines[:a], lines[own : own + e], lines[a:b], lines[b:c], small[:residual], small[residual:moved],
         small[moved:square], small[square:solved],
         small[solved:matrix], small[matrix:apart], small[apart:vectors], small[own_apart : own_apart + e],
-        small[vectors], small[vectors + 1], small[vectors + 2], small[vectors + 3], small[vectors + 4], small[first:second],
-        small[second:third], small[third:more],
+        small[ground : ground + 3], small[vectors], small[vectors + 1], small[vectors + 2], small[vectors + 3],
+        small[vectors + 4], small[first:second], small[second:third], small[third:more],
     )  # fmt: skip

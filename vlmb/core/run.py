@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vlmb.core import tree as of
-from vlmb.core.contacts import MU_AT_REST, held_by, keep_ways, sliding_speed
+from vlmb.core.contacts import COUNT, MU_AT_REST, held_by, held_by_ground, keep_ways, sliding_speed, three
 from vlmb.core.driver import (
     ACCEPT,
     AT_START,
@@ -71,6 +71,7 @@ from vlmb.core.row_arrays import (
 )
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.scalars import NAN
+from vlmb.core.scratch import GROUND
 from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, SLIDES
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
@@ -260,8 +261,12 @@ def look_at_contact(plant: Plant, memory: Memory, form: int, c: int, y: Array) -
         return sliding_speed(
             plant.rows, memory.rows, c, plant.quantities, plant.tree, y, memory.given, memory.reference, memory.measured
         )
-    sizes = sizes_of(plant.rows)
-    push, friction = held_by(plant.rows, sizes, view(sizes, memory.rows), plant.tape, memory.buffers, c)
+    if plant.rows.contacts[c, COUNT] == 0:
+        ground = three(memory.scratch.rows[plant.tree.shape[of.LINKS]], GROUND)
+        push, friction = held_by_ground(plant.rows, memory.rows, c, ground)
+    else:
+        sizes = sizes_of(plant.rows)
+        push, friction = held_by(plant.rows, sizes, view(sizes, memory.rows), plant.tape, memory.buffers, c)
     return push if form == HOLDS else memory.rows.contacts[c, MU_AT_REST] * push - friction
 
 

@@ -33,10 +33,10 @@ HINGE_AHEAD, TIP_AHEAD, ASIDE = 89, 91, 93
 WIDTH = 96  # a multiple of a line of the processor's cache
 
 # The base has the last row. What hangs on it (see base.py): S0, f0, S1, S2, f1; cos and sin of phi0, phi'^2; the acceleration of
-# its point, less gravity's, and phi''; the force of the knife edge; the ski's direction ahead. Vectors are in the frame of the
-# directions.
+# its point, less gravity's, and phi''; the force of the knife edge; the ski's direction ahead; the force on a planted base.
+# Vectors are in the frame of the directions.
 SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE, COSINE, SINE, SPIN, POINT, YAW, EDGE = 0, 6, 9, 12, 13, 14, 15, 16, 17, 20, 21
-AHEAD = 22
+AHEAD, GROUND = 22, 24
 
 
 class Scratch(NamedTuple):

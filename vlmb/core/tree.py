@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PIVOT, FREE, SKI, SLIDING, LIFTED = range(5)  # kinds of a base; SKI: knife edge reduced; SLIDING: sideways; LIFTED: up, too
+# Kinds of a base. PLANTED: a free one whose point a contact holds; SKI: knife edge reduced; SLIDING: sideways; LIFTED: up, too
+PIVOT, FREE, PLANTED, SKI, SLIDING, LIFTED = range(6)
 TIP, ROD = range(2)  # where a link hangs on its parent
 BASE_KIND, POSITIONS, VELOCITIES, LINKS, UPRIGHT, FLAT = range(6)  # columns of `shape`; see Tree
 BASE_MASS, BASE_INERTIA, COM_OFFSET, GRAVITY = range(4)  # columns of `base`; gravity takes three

@@ -20,7 +20,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.rows import rows_of
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import HELD, PLAIN, ContactPoint, Footing
+from vlmb.system.contacts import HELD, PLAIN, ContactPoint, Footing, by_rows
 from vlmb.system.frames import LinkFrames
 from vlmb.system.ski_point import SkiPoint
 from vlmb.system.system import make_system
@@ -62,7 +62,7 @@ def phase_rows(
             footings.append(Footing(HELD))  # along itself it slides: friction is a force
         elif point.name in closed:
             place = _place(point, frames, state, branch)
-            footings.append(point.footing_at(HELD, 0.0, place, mechanism.scene.plane))
+            footings.append(by_rows(point.footing_at(HELD, 0.0, place, mechanism.scene.plane)))
         else:
             footings.append(Footing())
     phase = system.phase(footings)

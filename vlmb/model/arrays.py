@@ -27,7 +27,8 @@ Integers = NDArray[np.int64]
 
 BASES = {"pivot": columns.PIVOT, "free": columns.FREE, "ski": columns.SKI}
 BASE_SIZES = {
-    columns.PIVOT: (0, 0), columns.FREE: (3, 3), columns.SKI: (3, 2), columns.SLIDING: (3, 3), columns.LIFTED: (4, 4),
+    columns.PIVOT: (0, 0), columns.FREE: (3, 3), columns.PLANTED: (3, 3), columns.SKI: (3, 2), columns.SLIDING: (3, 3),
+    columns.LIFTED: (4, 4),
 }  # in p and in v  # fmt: skip
 
 
@@ -107,7 +108,7 @@ class Arrays:
                 place[..., 2], velocity[..., 2] = p[..., 3], w[..., 3]
             velocity[..., 0] = np.cos(heading) * forward - np.sin(heading) * left
             velocity[..., 1] = np.sin(heading) * forward + np.cos(heading) * left
-        elif kind == columns.FREE:
+        elif kind in (columns.FREE, columns.PLANTED):
             place, velocity = np.array(p[..., :3]), np.array(w[..., :3])
         directions, rates = np.zeros((*shape, count, 3)), np.zeros((*shape, count, 3))
         lengths, growth = np.zeros((*shape, count, 2)), np.zeros((*shape, count, 2))
@@ -221,13 +222,16 @@ def _turned(quaternion: Array, vector: Array) -> Array:
     return vector + 2.0 * np.cross(q, np.cross(q, vector) + w * vector)
 
 
-def make_arrays(scene: Scene, layout: Layout, sliding: bool = False, driven: bool = False) -> Arrays:
+def make_arrays(
+    scene: Scene, layout: Layout, sliding: bool = False, driven: bool = False, planted: bool = False
+) -> Arrays:  # fmt: skip
     """Make the core's constants of a scene.
 
     sliding : the ski keeps its sideways velocity (its knife edge is a row); driven : prescribed lengths are velocities like
-    free ones, as for Pinocchio.
+    free ones, as for Pinocchio; planted : a contact holds the free base where it is.
     """
     kind = columns.LIFTED if layout.lifts else columns.SLIDING if sliding and layout.base == "ski" else BASES[layout.base]
+    kind = columns.PLANTED if planted else kind
     p, v = BASE_SIZES[kind]
     count = len(layout.links)
     link, real, given = np.zeros((count, 8), np.int64), np.zeros((count, 16)), np.zeros((count, 6))

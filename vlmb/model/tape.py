@@ -63,34 +63,36 @@ class CompiledTape:
 
 
 def compile_tape(
-    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf | Tree], pieces: Sequence[Array] = ()
-) -> CompiledTape:
+    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf | Tree], pieces: Sequence[Array] = (),
+    seen: int | None = None,
+) -> CompiledTape:  # fmt: skip
     """Compile expressions (a root each) and equations (left - right) into one tape with common subexpressions shared.
 
     `resolve` tells what a name stands for: a leaf, or an expression in its place; `pieces` (rows, 7) are given functions of
-    time: SIGNAL 3 k + n is derivative n of the one at k. Raises ExpressionError: too many rows or operations, or a constant part
-    that has no value.
+    time: SIGNAL 3 k + n is derivative n of the one at k. Roots from `seen` on are played with the switches alone: no evaluation
+    needs them. Raises ExpressionError: too many rows or operations, or a constant part that has no value.
     """
     if len(roots) > MAX_ROWS:
         raise ExpressionError(f"{len(roots)} equations and laws: at most {MAX_ROWS}; write fewer")
-    return _compiled(roots, resolve, pieces) if roots else _empty()
+    return _compiled(roots, resolve, pieces, len(roots) if seen is None else seen) if roots else _empty()
 
 
 @functools.cache
 def _empty() -> CompiledTape:
     """Compile the tape of scenes without laws and equations, once."""
-    return _compiled((), lambda name: Leaf(VALUE))
+    return _compiled((), lambda name: Leaf(VALUE), (), 0)
 
 
 def _compiled(
-    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf | Tree], pieces: Sequence[Array] = ()
+    roots: Sequence[Expression | Equation], resolve: Callable[[str], Leaf | Tree], pieces: Sequence[Array], seen: int
 ) -> CompiledTape:
     builder = _Builder(resolve)
-    slots = [builder.root(root) for root in roots]
-    needed = len(builder.code)
+    slots = [builder.root(root) for root in roots[:seen]]
+    needed, read = len(builder.code), len(builder.leaves)
+    slots += [builder.root(root) for root in roots[seen:]]
     switches = builder.switches()
     rows = [builder.facts(root, slot) for root, slot in zip(roots, slots, strict=True)]
-    return _arranged(builder, slots, needed, switches, rows, pieces)
+    return _arranged(builder, slots, needed, read, switches, rows, pieces)
 
 
 class _Builder:
@@ -298,10 +300,10 @@ class _Builder:
 
 
 def _arranged(
-    builder: _Builder, roots: Sequence[int], needed: int, switches: Sequence[tuple[int, int, int]], rows: Sequence[RowFacts],
-    pieces: Sequence[Array],
+    builder: _Builder, roots: Sequence[int], needed: int, read: int, switches: Sequence[tuple[int, int, int]],
+    rows: Sequence[RowFacts], pieces: Sequence[Array],
 ) -> CompiledTape:  # fmt: skip
-    """Put leaves first, then operations of parameters, time and state, then those of switches alone."""
+    """Put leaves first, then operations of parameters, time and state, then those of switches and of what is only seen."""
     form, leaves = builder.form, len(builder.leaves)
     groups = [[k for k in range(needed) if form[builder.code[k][3]].of == of] for of in range(3)]
     order = [*groups[0], *groups[1], *groups[2], *range(needed, len(builder.code))]
@@ -317,13 +319,15 @@ def _arranged(
     entering, entering_ends = _entering(builder, rows)
     sweep, sweep_ends = _sweeps(code, leaves, [slot[root] for root in roots], int(ends[1]))
     timed = sum(leaf.kind in (TIME, SIGNAL) for leaf, _ in builder.leaves)
-    read, signal, series = _signals(builder, pieces)
+    kinds, signal, series = _signals(builder, pieces)
+    named = [leaf.at for leaf, _ in builder.leaves if leaf.kind in (VALUE, RATE)]
+    first = sorted({leaf.at for leaf, _ in builder.leaves[:read] if leaf.kind in (VALUE, RATE)})
     tape = Tape(
         code=code, constant=np.array([builder.code[k][2] for k in order], float),
-        leaf=np.array(read, np.int64).reshape(leaves, 2),
+        leaf=np.array(kinds, np.int64).reshape(leaves, 2),
         root=np.array([slot[root] for root in roots], np.int64),
-        parts=np.array([leaves, *ends, len(order), timed], np.int64), sweep=sweep, sweep_ends=sweep_ends,
-        used=np.array(sorted({leaf.at for leaf, _ in builder.leaves if leaf.kind in (VALUE, RATE)}), np.int64),
+        parts=np.array([leaves, *ends, len(order), timed, len(first)], np.int64), sweep=sweep, sweep_ends=sweep_ends,
+        used=np.array([*first, *sorted({*named} - {*first})], np.int64),
         entering=entering, entering_ends=entering_ends,
         switch=np.array([(slot[at], place[k], kind, form[at].of) for at, k, kind in switches], np.int64).reshape(-1, 4),
         signal=signal, series=series,

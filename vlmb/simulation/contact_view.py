@@ -38,8 +38,9 @@ class PhaseSystems:
         self.timed = goes_by_phase_time(system)
         self.kept = engine == "core" and not self.timed
         self.swinging = any("phase_t" in str(leg.attack) for leg in self.scene.legs)  # gaps that go by when a leg let go
-        self.made: dict[object, System] = {}
-        self.probes: dict[object, Probe] = {}
+        shared = system.of_phases if self.kept else None
+        self.made: dict[object, System] = {} if shared is None else shared.systems
+        self.probes: dict[object, Probe] = {} if shared is None or self.scene.legs else shared.probes
 
     def of(self, footings: Sequence[Footing], began: float) -> System:
         """Return the system of a phase that began at a time [s]."""
@@ -137,7 +138,7 @@ class ContactView:
         return float(jet[3, 0]) / self._size(point, jet)
 
     def _size(self, point: ContactPoint, jet: Array) -> float:
-        return point.frame(self.t, jet[:3, 0], self.plane, self.standing[point.index])[1]
+        return point.steepness(self.t, jet[:3, 0], self.standing[point.index])[1]
 
     def _local(self, jet: Array, k: int, frame: Array, order: int = 1) -> Array:
         """Return velocity (order 1) or acceleration (2) of a contact over its surface, across it and away from it."""
@@ -159,7 +160,7 @@ class ContactView:
                 place = look.jets[point.index, :3, 0]
                 h = self._heading() if point.edge is not None else (1.0, 0.0)
                 rows = point.row_vectors(footing, point.slope(self.t, place, footing), h)
-                force = look.multipliers[at : at + len(rows)] @ rows
+                force = look.ground if footing.planted else look.multipliers[at : at + len(rows)] @ rows
                 at += len(rows)
                 local = self._frame(point.index) @ force
                 flat = np.zeros(2)

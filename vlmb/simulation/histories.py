@@ -50,6 +50,8 @@ def forces_along(
     found["powers"] = {name: unknown() for name in system.work_names}
     found["controls"] = {name: unknown() for name in system.work_names}
     found["hinges"], found["hinge_torques"] = unknown(len(links), 3), unknown(len(links), 3)
+    if system.planted_dofs:
+        found["ground"] = unknown(3)
     strengths, programme = unknown(2), workspace.solver.programme
     data = workspace.frames.data
     for i in range(count):
@@ -67,6 +69,8 @@ def forces_along(
             found["powers"][name][i] = value
         for name, value in now.reactions.items():
             found["reactions"][name][i] = value
+        if system.planted_dofs:
+            found["ground"][i] = now.ground
         for name, (position, velocity) in now.residuals.items():
             found["residuals"][name][0][i], found["residuals"][name][1][i] = position, velocity
         if now.knife_edge is not None:

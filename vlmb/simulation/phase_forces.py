@@ -58,6 +58,8 @@ def _in_phase(
             places, speeds = (values[own] for values in motion_of(point, seen))
             for i in range(len(forces)):
                 forces[i] = point.pushes(places[i], speeds[i], footing) * point.slope(0.0, places[i], footing)
+        elif footing.planted:
+            forces = np.array(found["ground"])
         elif footing.state in CLOSED:
             rows = point.row_texts(footing)
             texts |= {*rows}
@@ -78,7 +80,7 @@ def _in_phase(
     acting |= {at.force for at in phase.prescribed}
     found["controls"] |= {name: read_only(np.zeros(len(nowhere))) for name in {*found["controls"]} - acting}
     shown = {name: values for name, values in reactions.items() if name not in texts}
-    return found | {"reactions": shown, "residuals": kept}
+    return {name: values for name, values in found.items() if name != "ground"} | {"reactions": shown, "residuals": kept}
 
 
 def _of_snow(forces: Array, heading: Array, closed: bool) -> dict[str, Array]:
@@ -106,7 +108,7 @@ def _shared_out(
         frames.update(q)
         seen = places.evaluate(frames, t, q, v, branch)
         jacobian = seen.jacobian.copy()
-        jacobian[:, phase.prescribed_dofs] = 0.0
+        jacobian[:, [at for at in phase.prescribed_dofs if at not in phase.planted_dofs]] = 0.0
         turns, feet, last = list[Array](), list[Foot](), -1
         for k, (point, footing) in enumerate(closed):
             place = np.zeros(3)

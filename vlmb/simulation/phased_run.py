@@ -115,7 +115,7 @@ class PhasedRun(LegSteps):
             status, message = loop.run()
             self.y = np.array(loop.driver.point)
             if status != "switched":
-                self._keep(told=True)
+                self._keep(told=True, goes_on=status == "failed")
                 self.t = loop.t
                 return status, message + (self._beside_paradox(out.footings) if status == "failed" else "")
             assert loop.hit is not None
@@ -126,7 +126,7 @@ class PhasedRun(LegSteps):
                 self._keep(told=True)
                 return "failed", f"failed at t = {self.t:.6g} s: {error}"
             doubled = out.event is not None
-            self._keep(told=doubled or bool(out.sentence))
+            self._keep(told=doubled or bool(out.sentence), goes_on=True)
             self.turns.append(self._turned(loop.hit, out))
 
     def _beside_paradox(self, footings: tuple[Footing, ...]) -> str:
@@ -169,9 +169,18 @@ class PhasedRun(LegSteps):
         goes = (self.t, self.bounds, self.tell, self.longest)
         give, began = self.hand, self.began
         hand = None if give is None else (lambda t, states: give(t, states, began))
-        loop = Loop(mover, self.options, out.y, times, breaks, *goes, hand, self._slides_on)
+        y = self._planted(out, mover)
+        loop = Loop(mover, self.options, y, times, breaks, *goes, hand, self._slides_on)
         self.begun, self.mover = (mover, loop, out.footings), mover
         return mover, loop
+
+    def _planted(self, out: Outcome, mover: Engine) -> Array:
+        """Return the state after an event, in which a base that a contact holds has no speed left by rounding."""
+        if not any(at.planted for at in out.footings):
+            return out.y
+        y, first = np.array(out.y), mover.velocities.start
+        y[first : first + (3 if mover.name == "core" else self.system.mechanism.layout.base_size)] = 0.0
+        return y
 
     def _slides_on(self, c: int, t: float, y: Array) -> bool:
         """Whether a sliding contact that is at a right angle to its last direction at (t, y) has a speed there."""
@@ -201,8 +210,11 @@ class PhasedRun(LegSteps):
         """Return the times at which what acts in a phase is not smooth."""
         return breaks_of(system, start, end)
 
-    def _keep(self, told: bool) -> None:
-        """Keep the samples of the phase under way; without `told` its last instant is none unless it was asked for."""
+    def _keep(self, told: bool, goes_on: bool = False) -> None:
+        """Keep the samples of the phase under way; without `told` its last instant is none unless it was asked for.
+
+        goes_on : whether angles are read from here on
+        """
         assert self.begun is not None
         mover, loop, footings = self.begun
         self.begun = None
@@ -218,7 +230,7 @@ class PhasedRun(LegSteps):
         if len(recorded.t):
             part = samples_of(mover, recorded)
             self.parts.append(part)
-            self.branch = list(self._branches(part)[-1])
+            self.branch = list(self._branches(part)[-1]) if goes_on else self.branch
         self.stretches.append(Stretch(start, loop.t, footings, first, first + len(recorded.t), self.quiet))
         self.quiet = not told
 

@@ -22,7 +22,7 @@ def phases_as_data(stretches: Sequence[Stretch], events: Sequence[Event]) -> dic
     """Return what a file keeps of phases and events; nothing of a run without any."""
     found: dict[str, Any] = {}
     if stretches:
-        found["phases"] = [[s.start, s.end, [list(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches]
+        found["phases"] = [[s.start, s.end, [_kept(at) for at in s.footings], s.first, s.last, s.quiet] for s in stretches]
     if stretches or events:
         found["events"] = [
             [
@@ -53,11 +53,16 @@ def phases_from_data(data: Mapping[str, Any], names: Sequence[str], count: int) 
     return tuple(found), tuple(_event(entry, names) for entry in events)
 
 
+def _kept(at: Footing) -> list[Any]:
+    return [*at] if at.planted else [*at[:-1]]
+
+
 def _footing(entry: Sequence[Any]) -> Footing:
-    state, place, first, second, since, gap, towards = entry
-    if state not in STATES:
+    state, place, first, second, since, gap, towards, *planted = entry
+    if state not in STATES or planted not in ([], [True]) or (planted and state != HELD):
         raise ValueError(f"state {state!r:.40}")
-    return Footing(state, _vector(place), _vector(first), _vector(second), _number(since), _number(gap), _vector(towards))
+    x, one, other, way = map(_vector, (place, first, second, towards))
+    return Footing(state, x, one, other, _number(since), _number(gap), way, bool(planted))
 
 
 def _event(entry: Sequence[Any], names: Sequence[str]) -> Event:

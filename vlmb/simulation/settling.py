@@ -158,7 +158,7 @@ class Settling(Resting):
         after = list(footings)
         for k in closed:
             if k not in carry:
-                after[k] = footings[k]._replace(state=RESTING)
+                after[k] = footings[k]._replace(state=RESTING, planted=False)
             elif footings[k].state == RESTING:
                 after[k] = carrying_again(self.points[k], footings[k], self.t, found.jets[k, :3, 0], self.plane)
         return tuple(after), set()

@@ -7,7 +7,7 @@ import numpy as np
 from vlmb.errors import SceneError, StudyError
 from vlmb.scene.names import listed
 from vlmb.simulation.phased_run import PhasedRun
-from vlmb.system.contacts import HELD, Footing
+from vlmb.system.contacts import HELD, Footing, by_rows
 from vlmb.system.engines import make_engine
 from vlmb.system.ski_contact import STANDS
 from vlmb.system.start import Start
@@ -33,7 +33,7 @@ def in_phase(system: System, start: Start, t: float = 0.0) -> System:
     for point, footing in zip(system.points, begun.footings, strict=True):
         if point.moving and footing.state == HELD:
             raise SceneError(f"contact {point.name!r} is carried along by ground that moves: no motion on it is steady")
-    return run.systems.of(begun.footings, t)
+    return run.systems.of([*map(by_rows, begun.footings)], t)
 
 
 def standing(system: System) -> tuple[str, ...]:

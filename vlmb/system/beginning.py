@@ -49,7 +49,7 @@ def touching(system: System, view: StateView) -> frozenset[str]:
             found |= {point.name} if point.leg.foot is not None else set()
             continue
         place = [view[name] if name else 0.0 for name in point.names]
-        _, size = point.frame(view.t, np.array(place), system.mechanism.scene.plane, Footing())
+        _, size = point.steepness(view.t, np.array(place), Footing())
         if abs(point.surface.at(view.t, place)[0]) <= NEAR_AT_START * size:
             found.add(point.name)
     return frozenset(found)

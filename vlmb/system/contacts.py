@@ -6,8 +6,9 @@ surface. Where a point stands comes in as parameters, so that what is compiled f
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -16,12 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.contacts import SLOW
-from vlmb.core.opcodes import PARAMETER, TIME, VALUE, Buffers, make_buffers
-from vlmb.core.tape import jets, prepare, read_leaves
 from vlmb.errors import SceneError
+from vlmb.model.coordinates import cross
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
-from vlmb.model.tape import CompiledTape, Leaf, compile_tape
 from vlmb.scene.by_phase import acts, is_conditional, programme_at
 from vlmb.scene.contacts import surface_of
 from vlmb.scene.expressions import Expression, parse
@@ -31,6 +30,7 @@ from vlmb.scene.scene import Scene, with_values
 from vlmb.scene.tables import BASE, Contact, Force
 from vlmb.system.events import Event
 from vlmb.system.ski_contact import Edge, Heading
+from vlmb.system.surface import Surface
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -58,6 +58,12 @@ class Footing(NamedTuple):
     since: float = 0.0  # [s]
     gap: float = 0.0  # [m] that counts as none, of one that has just opened: what its rows left
     towards: Vector = ZERO  # unit vector that it slides along
+    planted: bool = False  # it holds the point of a free base, whose velocities are crossed out for it: it has no rows
+
+
+def by_rows(footing: Footing) -> Footing:
+    """Return a footing that rows hold, at the root too: for those who look at rows."""
+    return footing._replace(planted=False)
 
 
 class ContactLook(NamedTuple):
@@ -67,6 +73,7 @@ class ContactLook(NamedTuple):
     multipliers: Array  # of the scene's own ideal rows, then of those of closed contacts
     ways: Array  # (closed, 3) unit vectors that they slide along
     rates: Array  # y'
+    ground: Array = np.zeros(3)  # [N] of the ground on a planted base
 
 
 class Look(NamedTuple):
@@ -74,52 +81,6 @@ class Look(NamedTuple):
 
     expression: Expression
     event: Event
-
-
-class Surface:
-    """The surface of a contact by the point's place: value and gradient."""
-
-    def __init__(self, expression: Expression, parameters: Mapping[str, float]) -> None:
-        names = {name: at for at, name in enumerate(parameters)}
-
-        def leaf(name: str) -> Leaf:
-            if name in AXES:
-                return Leaf(VALUE, AXES.index(name))
-            return Leaf(PARAMETER, names[name]) if name in names else Leaf(TIME)
-
-        self.expression = expression
-        self.compiled: CompiledTape = compile_tape([expression], leaf)
-        self.parameters = np.array([float(value) for value in parameters.values()])
-        self.buffers: Buffers = make_buffers(self.compiled.tape)
-        prepare(self.compiled.tape, self.buffers, self.parameters)
-
-    def at(self, t: float, place: Sequence[float] | Array) -> tuple[float, Array]:
-        """Return value and gradient (3,) at a time and a place [m]."""
-        slope, out = np.zeros(3), np.zeros((1, 3))
-        moving = float(self._rate(t, place, ZERO, out))
-        for axis in range(3):
-            way = [0.0, 0.0, 0.0]
-            way[axis] = 1.0
-            slope[axis] = self._rate(t, place, way, out) - moving
-        return float(out[0, 0]), slope
-
-    def jet(self, t: float, place: Array) -> Array:
-        """Return value, rate and second derivative (3,) along a motion of the place (3, 3)."""
-        out = np.zeros((1, 3))
-        read_leaves(self.compiled.tape, t, self.parameters, np.ascontiguousarray(place), self.buffers.slots)
-        jets(self.compiled.tape, self.buffers, out)
-        return out[0]
-
-    def moves(self, t: float, place: Sequence[float] | Array) -> float:
-        """Return the rate of the surface's value at a place that rests."""
-        return self._rate(t, place, ZERO, np.zeros((1, 3)))
-
-    def _rate(self, t: float, place: Sequence[float] | Array, way: Sequence[float], out: Array) -> float:
-        measured = np.zeros((3, 3))
-        measured[:, 0], measured[:, 1] = place, way
-        read_leaves(self.compiled.tape, t, self.parameters, measured, self.buffers.slots)
-        jets(self.compiled.tape, self.buffers, out)
-        return float(out[0, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +129,7 @@ class ContactPoint:
 
     def mode(self, footing: Footing) -> tuple[object, ...]:
         """Return what of a footing the equations of a phase depend on, beside numbers."""
-        return (footing.state,)
+        return footing.state, footing.planted
 
     @property
     def shares(self) -> bool:
@@ -212,25 +173,37 @@ class ContactPoint:
 
     def slope(self, t: float, place: Array, footing: Footing) -> Array:
         """Return the gradient (3,) of its surface at a place."""
-        return self.surface.at(t, place)[1]
+        plain = PLAIN.get(self.contact.surface.strip())
+        return self.surface.at(t, place)[1] if plain is None else np.eye(3)[plain]
+
+    def steepness(self, t: float, place: Array, footing: Footing) -> tuple[Array, float]:
+        """Return the unit normal (3,) of its surface at a place, and the size of its gradient there.
+
+        Raises SceneError for a surface without a slope.
+        """
+        slope = self.slope(t, place, footing)
+        size = math.sqrt(slope.dot(slope))
+        if not size > 1e-12 or not math.isfinite(size):
+            where = ", ".join(f"{value:.4g}" for value in place)
+            raise SceneError(f"contacts[{self.index}].surface = {self.contact.surface!r}: has no slope at ({where})")
+        return slope / size, size
+
+    def normal(self, footing: Footing) -> Array:
+        """Return the unit normal (3,) of its surface where it stands."""
+        return self.steepness(footing.since, np.array(footing.place), footing)[0]
 
     def frame(self, t: float, place: Array, plane: bool, footing: Footing) -> tuple[Array, float]:
         """Return unit vectors (3, 3) as rows, two across the surface, then its normal; and the size of its gradient.
 
         In a plane the first is the one in it. Raises SceneError for a surface without a slope there.
         """
-        slope = self.slope(t, place, footing)
-        size = float(np.linalg.norm(slope))
-        if not size > 1e-12 or not np.isfinite(size):
-            where = ", ".join(f"{value:.4g}" for value in place)
-            raise SceneError(f"contacts[{self.index}].surface = {self.contact.surface!r}: has no slope at ({where})")
-        normal = slope / size
+        normal, size = self.steepness(t, place, footing)
         other = np.eye(3)[1] if plane else np.eye(3)[int(np.argmin(np.abs(normal)))]
-        first = np.cross(other, normal)
+        first = cross(other, normal)
         first /= np.linalg.norm(first)
         if first[int(np.argmax(np.abs(first)))] < 0.0:
             first = -first
-        return np.array([first, np.cross(normal, first), normal]), size
+        return np.array([first, cross(normal, first), normal]), size
 
     def gap_text(self, footing: Footing) -> str:
         """Return the equation's side that is 0 on the surface, by the mechanism's names."""
@@ -239,7 +212,7 @@ class ContactPoint:
 
     def row_texts(self, footing: Footing) -> tuple[str, ...]:
         """Return the equations that it adds while it is closed: its surface first, then what holds it across."""
-        if footing.state not in (HELD, SLIDING):
+        if footing.state not in (HELD, SLIDING) or footing.planted:
             return ()
         texts = [f"{self.gap_text(footing)} = 0"]
         if footing.state != HELD:
@@ -274,7 +247,8 @@ class ContactPoint:
             if plane:
                 frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
         x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
-        return Footing(state, x, first, second, t, 0.0, towards)  # type: ignore[arg-type]
+        planted = state == HELD and self.shares and self.contact.point == BASE and not self.moving
+        return Footing(state, x, first, second, t, 0.0, towards, planted)  # type: ignore[arg-type]
 
     def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""
@@ -292,7 +266,7 @@ class ContactPoint:
 
     def row_vectors(self, footing: Footing, slope: Array, h: Heading = (1.0, 0.0)) -> Array:
         """Return the gradients (rows, 3) over the point's place of the rows of a closed contact, in their order; h of a ski."""
-        if footing.state == RESTING:
+        if footing.state == RESTING or footing.planted:
             return np.zeros((0, 3))
         if footing.state != HELD:
             return slope[None]
@@ -371,6 +345,11 @@ class PhaseContacts:
                 found.append((point, footing, at, count))
                 at += count
         return found
+
+    @property
+    def planted(self) -> bool:
+        """Whether one of them holds the point of a free base."""
+        return any(footing.planted for footing in self.footings)
 
     @property
     def roots(self) -> list[Expression]:

@@ -27,6 +27,7 @@ from vlmb.core.driver import (
 )
 from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
 from vlmb.core.row_arrays import PROJECTION, WORTH, WORTH_BOUND, parts, sizes_of
+from vlmb.core.scratch import GROUND
 from vlmb.core.sliding import ANSWER, FOUND, MODE, MU, NORMAL, SLIDES
 from vlmb.core.tree import AT_P
 from vlmb.errors import SimulationError, VlmbError
@@ -230,12 +231,14 @@ class CoreEngine:
         count = 4 * len(plan.contacts.points)
         jets = np.array(self.memory.buffers.slots[plan.plant.tape.root[plan.seen : plan.seen + count]])
         multipliers, ways = np.zeros(0), np.zeros((0, 3))
-        if len(rows.contacts):
+        if len(rows.table) and len(rows.contacts):
             sizes = sizes_of(rows)
             first = int(sizes.controls + sizes.held)
             multipliers = np.array(parts(sizes, self.memory.rows).shares[first : int(sizes.controls + sizes.ideal)])
+        if len(rows.contacts):
             ways = np.array(self.memory.rows.contacts[:, ALONG : ALONG + 3])
-        return ContactLook(jets.reshape(-1, 4, 3), multipliers, ways, np.array(self.single.slope))
+        ground = np.array(self.memory.scratch.rows[-1, GROUND : GROUND + 3])
+        return ContactLook(jets.reshape(-1, 4, 3), multipliers, ways, np.array(self.single.slope), ground)
 
     def look_at(self, worth: float) -> None:
         """Let the event of rows that lose their independence happen where one is worth so little."""

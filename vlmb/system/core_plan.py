@@ -175,7 +175,8 @@ def make_core_plan(
     Raises SceneError for an unknown force, ExpressionError for a law that cannot be read.
     """
     sliding = watching or run.knife_edge != "reduction"
-    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding)
+    planted = contacts is not None and contacts.planted and not watching
+    scene, arrays = mechanism.scene, make_arrays(mechanism.scene, mechanism.layout, sliding, planted=planted)
     numbers = numbers_of(scene)
     table = QuantityTable(mechanism.names, arrays, tuple(numbers), mechanism.signals)
     works = {name: at for at, name in enumerate(work_names)}
@@ -216,7 +217,7 @@ def make_core_plan(
     slides = scene.base.friction > 0.0 and not watching and not scene.base.lift
     centre, mass = table.of(mechanism.names.find("com.z")) if slides else -1, total_mass(mechanism)
     friction = scene.base.friction, mass, mass * (scene.gravity or 1.0), float(scene.base.friction_on == "resultant")
-    compiled = compile_tape(roots, table.resolve, table.signals.pieces)
+    compiled = compile_tape(roots, table.resolve, table.signals.pieces, seen)
     pairs, constants = _angle_springs(arrays, springs)
     watch, bounds, events = _watched(mechanism, run, table, compiled, springs)
     tape = compiled.tape

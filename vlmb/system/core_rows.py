@@ -90,8 +90,9 @@ def make_rows(
     """
     held = mechanism.layout.edged and run.knife_edge != "reduction"
     info = constraints.info if constraints is not None else ()
+    closed = _contacts(contacts, table, works, held)
     if not (held or info):
-        return no_rows()
+        return no_rows()._replace(contacts=closed, grip=grip_of(contacts))
     ideal, servo = len(mechanism.scene.constraints), len(plan.texts) if plan is not None else 0
     acting = control_channels(mechanism)
     varying = moving_places(info, plan, ideal)
@@ -118,7 +119,6 @@ def make_rows(
     gains[: len(info), : 2 * len(info)] = np.hstack([h, k])
     numbers[0, COUPLED] = any(np.count_nonzero(matrix - np.diag(np.diag(matrix))) for matrix in (h, k))
     gains[-1, : len(acting) + 1] = *control_scales(mechanism, acting), run.gain
-    closed = _contacts(contacts, table, works, held)
     numbers[0, SLIDING] = int(closed[:, SLIDES].sum())
     return Rows(numbers, gains, closed, grip_of(contacts))
 
@@ -132,7 +132,8 @@ def grip_of(contacts: PhaseContacts | None) -> Array:
             grip[k] = float(any(footing.towards)), 1e300, 0.0, 0.0, 0.0, *footing.towards, OF_SKI
             continue
         coefficient = point.coefficient if point.slides(footing) else 0.0
-        grip[k] = coefficient, min(point.at_rest, 1e300), *point.contact.surface_velocity, *footing.towards, all(point.names)
+        way = point.normal(footing) if footing.planted else footing.towards
+        grip[k] = coefficient, min(point.at_rest, 1e300), *point.contact.surface_velocity, *way, all(point.names)
     return grip
 
 

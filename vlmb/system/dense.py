@@ -3,7 +3,8 @@
     M(q) vdot + h(q, v) = tau + J^T lambda + B u
 
 A known acceleration (a prescribed segment's, and the ski's sideways one, which the knife edge keeps at zero) has its row and
-column replaced by the identity; the force that keeps it is (M vdot + h - tau) of that row.
+column replaced by the identity; the force that keeps it is (M vdot + h - tau) of that row. So is that of
+a free base which a contact holds.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ class Dense:
         calls: list[int],
         diagnostics: Diagnostics,
         contacts: PhaseContacts | None = None,
+        planted: Sequence[int] = (),
     ) -> None:
         self.mechanism, self.frames, self.springs, self.direction_springs = mechanism, frames, springs, direction_springs
         self.applied, self.solver, self.prescribed, self.projecting = applied, solver, prescribed, projecting
@@ -62,6 +64,9 @@ class Dense:
         )
         self.forced = bool(direction_springs or applied.forces.needed or self.friction)
         self._lost = 0.0  # power in the direction dampers [W]
+        nv, self._planted = mechanism.layout.nv, list(planted)
+        # of a planted base, at the last evaluation: its rows of M, h - tau of all, accelerations
+        self._kept, self._missing, self._moved = np.zeros((len(planted), nv)), np.zeros(nv), np.zeros(nv)
 
     def forces(self, t: float, y: Array, q: Array, v: Array, tau: Array) -> None:
         """Write springs, dampers, applied forces and a control into tau (nv,); needs crba in WORLD convention before."""
@@ -138,6 +143,8 @@ class Dense:
         on_ski, last = layout.headed, nv - 1
         constrained, solver, forces, diagnostics = self.solver.needed, self.solver, self.forces, self.diagnostics
         rows, working, powers, branch = np.zeros((len(prescribed), nv)), bool(self.work_names), self._powers(), self.branch
+        planted, kept, first = self._planted, self._kept, len(self._planted)  # a base's velocities come first
+        self._moved = vdot
 
         def rhs(t: float, y: Array) -> Array:
             calls[0] += 1
@@ -155,8 +162,11 @@ class Dense:
             b = nle(model, data, q, v)
             subtract(tau, b, b)
             missing = b
+            if prescribed or planted:
+                missing = self._missing = -b
+            if planted:
+                kept[:] = mass[planted]
             if prescribed:
-                missing = -b
                 for row, at in enumerate(prescribed):
                     rows[row] = mass[at.v]
                 b -= mass.dot(accelerations)
@@ -168,10 +178,15 @@ class Dense:
                 answer = solver.solve(t, q, v, b, accelerations if prescribed else None, branch)
                 if answer is None:
                     raise diagnostics.singular(q)
-                if prescribed:
+                if prescribed or planted:
                     missing -= solver.on_prescribed()
             else:
-                answer, info = dposv(mass, b, 0, 1, 1)[1:]  # both overwritten
+                if planted:  # alone, what is not crossed out comes out as on a pivot to the last digit
+                    answer, info = b, 0
+                    if first < nv:
+                        b[first:], info = dposv(mass[first:, first:], b[first:], 0)[1:]
+                else:
+                    answer, info = dposv(mass, b, 0, 1, 1)[1:]  # both overwritten
                 if info:
                     raise diagnostics.singular(q)
             vdot[...] = answer
@@ -187,6 +202,12 @@ class Dense:
             return dy
 
         return rhs
+
+    def lacking(self) -> Array:
+        """Return (M vdot + h - tau) of a planted base at the last evaluation, 0 elsewhere: what holds it."""
+        found = np.zeros(len(self._moved))
+        found[self._planted] = self._kept @ self._moved + self._missing[self._planted]
+        return found
 
     def _powers(self) -> Callable[[Array, Array, Array, Array, Array, Array], None]:
         """Write the rates of the work states: power of each applied force, of each prescribed segment, of the dampers."""

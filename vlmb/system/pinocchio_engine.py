@@ -202,7 +202,9 @@ class PinocchioEngine:
         count = 4 * len(contacts.points)
         jets = self.memory.buffers.slots[self.watch.plant.tape.root[self.watch.seen : self.watch.seen + count]].reshape(-1, 4, 3)
         solver = self.workspace.solver
-        indicators[VALUE, self.gripping] = slips.indicators(t, jets, solver.multipliers[solver.held :], y)
+        indicators[VALUE, self.gripping] = slips.indicators(
+            t, jets, solver.multipliers[solver.held :], y, self.workspace.ground()
+        )
         indicators[RATE, self.gripping] = np.nan
 
     def hold_inputs(self, values: Sequence[float] | Array) -> None:
@@ -235,7 +237,8 @@ class PinocchioEngine:
         jets = np.zeros((len(known), 3))
         jets[known] = np.column_stack([values.z, values.rate, second])
         ways = np.array(work.slips.last).reshape(-1, 3) if work.slips is not None else np.zeros((0, 3))
-        return ContactLook(jets.reshape(-1, 4, 3), np.array(work.solver.multipliers[work.solver.held :]), ways, rates)
+        multipliers, ground = np.array(work.solver.multipliers[work.solver.held :]), work.ground()
+        return ContactLook(jets.reshape(-1, 4, 3), multipliers, ways, rates, ground)
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""

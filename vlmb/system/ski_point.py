@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.expressions import parse
-from vlmb.system.contacts import HELD, RESTING, SLIDING, ZERO, ContactPoint, Footing, Surface, Vector
+from vlmb.system.contacts import HELD, RESTING, SLIDING, ZERO, ContactPoint, Footing, Vector
 from vlmb.system.ski_contact import (
     ALONG_ROW,
     EDGE_ROW,
@@ -23,6 +23,7 @@ from vlmb.system.ski_contact import (
     ski_frame,
     ski_rows,
 )
+from vlmb.system.surface import Surface
 
 Array = NDArray[np.float64]
 

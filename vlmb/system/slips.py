@@ -74,10 +74,12 @@ class Slips:
         """Take the directions of the last evaluation as those at an accepted step."""
         self.ways = [np.array(way) for way in self.last]
 
-    def indicators(self, t: float, jets: Array, multipliers: Array, q: Array) -> list[float]:
+    def indicators(
+        self, t: float, jets: Array, multipliers: Array, q: Array, ground: Array | None = None
+    ) -> list[float]:  # fmt: skip
         """Return the indicators of closed contacts in their order: normal force, then what friction may still hold or the speed.
 
-        jets (contacts, 4, 3) of places and gaps; multipliers of all ideal rows of the scene.
+        jets (contacts, 4, 3) of places and gaps; multipliers of all ideal rows of the scene; ground (3,) on a planted base.
         """
         found, slid = [], 0
         for point, footing, at, count in self.contacts.closed:
@@ -87,7 +89,10 @@ class Slips:
                 found += _of_ski(point.edge, footing, heading_at(q), jets[point.index, :3, 1], multipliers[at : at + count])
                 slid += point.slides(footing)
                 continue
-            force, normal = held_by(point, footing, t, jets[point.index, :3, 0], multipliers[at : at + count])
+            if footing.planted and ground is not None:
+                force, normal = ground, point.normal(footing)
+            else:
+                force, normal = held_by(point, footing, t, jets[point.index, :3, 0], multipliers[at : at + count])
             push = float(force @ normal)
             found.append(push)
             if not point.contact.slips:

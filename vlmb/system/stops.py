@@ -12,9 +12,10 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import force_along, quantity_of
 from vlmb.scene.expressions import parse
 from vlmb.scene.tables import BOUNCE, Contact
-from vlmb.system.contacts import ContactPoint, Surface, contact_points
+from vlmb.system.contacts import ContactPoint, contact_points
 from vlmb.system.legs import leg_points
 from vlmb.system.ski_point import ski_points
+from vlmb.system.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)

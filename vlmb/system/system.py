@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -42,6 +42,13 @@ KNIFE_EDGES = ("reduction", "multiplier", "projection")
 OF_THE_MARCH: Mapping[str, Any] = {"duration": 1.0, "rtol": 1e-6, "atol": 1e-6, "samples": 1.0, "max_step": None}  # no equation's
 RECENT = 4
 _made: tuple[tuple[System, Run], ...] = ()  # the last ones: runs of one mechanism share what is compiled
+
+
+class OfPhases(NamedTuple):
+    """What has been compiled of the phases of a system: its runs share it. By how contacts stand; by what acts beside them."""
+
+    systems: dict[object, System]
+    probes: dict[object, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +121,15 @@ class System:
 
     @property
     def prescribed_dofs(self) -> list[int]:
-        """Velocities of known acceleration: of prescribed segments, and the ski's sideways one where it is crossed out."""
-        return [at.v for at in self.prescribed] + ([SIDEWAYS] if self.knife_edge == "reduction" else [])
+        """Velocities of known acceleration: prescribed segments', and what is crossed out: a planted base's, a ski's sideways."""
+        sideways = [SIDEWAYS] if self.knife_edge == "reduction" else []
+        return [*(at.v for at in self.prescribed), *self.planted_dofs, *sideways]
+
+    @property
+    def planted_dofs(self) -> list[int]:
+        """Velocities of a free base that a contact holds."""
+        planted = self.contacts is not None and self.contacts.planted
+        return [*range(self.mechanism.layout.base_size)] if planted else []
 
     @cached_property
     def work_names(self) -> tuple[str, ...]:
@@ -131,6 +145,11 @@ class System:
     def points(self) -> tuple[ContactPoint, ...]:
         """The contacts of the scene, then its legs, then stops of lengths."""
         return all_points(self.mechanism)
+
+    @cached_property
+    def of_phases(self) -> OfPhases:
+        """What its runs have compiled of its phases."""
+        return OfPhases({}, {})
 
     def placed(self, footings: Sequence[Footing]) -> System:
         """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""

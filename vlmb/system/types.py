@@ -22,3 +22,4 @@ class Evaluation(NamedTuple):
     reactions: dict[str, float]  # multipliers of the ideal rows, by equation
     residuals: dict[str, tuple[float, float]]  # z and z' of every row, by equation
     powers: dict[str, float]  # rates of the work states [W]
+    ground: Array  # (3,) [N] of the ground on a planted base, 0 on any other

@@ -48,6 +48,8 @@ class Equations(Protocol):
     @property
     def prescribed_dofs(self) -> list[int]: ...  # noqa: D102
     @property
+    def planted_dofs(self) -> list[int]: ...  # noqa: D102
+    @property
     def forces(self) -> AppliedForces: ...  # noqa: D102
     @property
     def constraints(self) -> ConstraintSet | None: ...  # noqa: D102
@@ -92,6 +94,7 @@ class Workspace:
         self._dense = Dense(
             mechanism, self.frames, self.springs, system.direction_springs, self.applied, self.solver, system.prescribed,
             self.knife_edge == "projection", self.work_names, self._branch, self._calls, self.diagnostics, system.contacts,
+            system.planted_dofs,
         )  # fmt: skip
         self.rhs: Rhs = self._dense.with_friction(self._dense.rhs(), self.unpack)
 
@@ -193,7 +196,16 @@ class Workspace:
             outer = outer_forces(self.mechanism, self.mechanism.postures((q, v)), self.frames.data, acting)
             pin.rnea(self.mechanism.model, self.frames.data, q, v, vdot, outer)
         edge = float(missing[SIDEWAYS]) if self.layout.headed else None
-        return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers)
+        return Evaluation(vdot, tau, controls, edge, reactions, residuals, powers, self._ground(missing))
+
+    def ground(self) -> Array:
+        """Return the force (3,) [N] of the ground on a planted base at the last right-hand side; 0 on any other."""
+        return self._ground(self._dense.lacking())
+
+    def _ground(self, missing: Array) -> Array:
+        found, held = np.zeros(3), self.system.planted_dofs
+        found[[0, 2] if self.layout.plane and held else slice(len(held))] = missing[held]
+        return found
 
     def _per_angle(self, row: Constraint) -> float:
         """What turns the multiplier of an azimuth row's regular form into the moment [N m] on the angle of its equation."""
