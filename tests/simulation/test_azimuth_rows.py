@@ -90,3 +90,14 @@ def test_an_azimuth_that_is_given_otherwise_is_turned_and_told(given: float, psi
     assert math.remainder(found.start.coordinates["phi1"] - 0.3, math.tau) == pytest.approx(0.0, abs=1e-9)
     assert found.start.rates["psi1_dot"] == -1.0
     assert any("phi1 = " in text and "given" in text for text in found.start.adjustments)
+
+
+@pytest.mark.parametrize("rows", [
+    ["phi1 = 0.1", "phi1 = 0.2"], ["phi1 = 0.1*t", "phi1 = 0.2*t"], ["phi1 = phi2", "phi1 = phi2 + 0.2"],
+    ["phi1 = 0.1", "phi2 = phi1", "phi2 = 0.3"],
+])  # fmt: skip
+@pytest.mark.parametrize("start", [{}, {"psi1": 0.5, "psi2": 0.3}])
+def test_azimuths_that_contradict_each_other_do_not_stand_a_link_upright(rows: list[str], start: dict[str, float]) -> None:
+    """There all of them would hold."""
+    with pytest.raises(vlmb.SceneError, match=r"no posture|no rates"):
+        vlmb.simulate(scene(rows, start, "ab"), 0.1)

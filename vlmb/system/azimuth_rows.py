@@ -21,6 +21,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.scene.expressions import Equation, Expression, Tree, walk
 
 AT_MOST = 2  # links: a row of more loses its slope where several stand upright
+DIGITS = 12  # of factors that count as equal
 Plane = tuple[Tree, Tree]  # a complex number: its real and its imaginary part
 
 
@@ -67,7 +68,10 @@ def azimuth_row(mechanism: Mechanism, equation: Equation, number: int) -> Azimut
 
 
 def with_given_azimuths(mechanism: Mechanism, rows: Sequence[AzimuthRow | None]) -> list[AzimuthRow | None]:
-    """Put azimuths that rows give into rows of two links, but for those whose work would then be of two rows."""
+    """Put azimuths that rows give into rows of two links, but for those whose work would then be of two rows.
+
+    A second row that gives an azimuth, and not by the same terms, stays as it is written: both would hold for an upright link.
+    """
     found, again = list(rows), True
     while again:
         again = False
@@ -88,7 +92,22 @@ def with_given_azimuths(mechanism: Mechanism, rows: Sequence[AzimuthRow | None])
                 found[m] = dataclasses.replace(row, links=kept, rest=rest, parts=parts, timed=row.timed | other.timed)
                 again = True
                 break
+    given: dict[str, AzimuthRow] = {}
+    for m, row in enumerate(found):
+        if row is None or len(row.links) > 1:
+            continue
+        other = given.setdefault(next(iter(row.links)), row)
+        found[m] = row if _given(other) == _given(row) else None
     return found
+
+
+def _given(row: AzimuthRow) -> dict[Tree, float]:
+    """Return what a row of one link gives its azimuth, as a sum of terms times numbers."""
+    (own,), found = row.links.values(), dict[Tree, float]()
+    for factor, tree in (term for part in row.rest for term in _terms(part, -1.0 / own)):
+        tree, factor = (("number", 1.0), factor * tree[1]) if tree[0] == "number" else (tree, factor)
+        found[tree] = found.get(tree, 0.0) + factor
+    return {tree: round(factor, DIGITS) for tree, factor in found.items() if round(factor, DIGITS) != 0.0}
 
 
 def regular_form(mechanism: Mechanism, row: AzimuthRow) -> Expression:

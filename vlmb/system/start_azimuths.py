@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-from vlmb.errors import VlmbError
+from vlmb.errors import SceneError, VlmbError
 from vlmb.model.coordinates import POLE
 from vlmb.model.mechanism import Mechanism
 from vlmb.system.azimuth_rows import AzimuthRow
@@ -18,6 +18,7 @@ from vlmb.system.frames import LinkFrames
 from vlmb.system.row_sets import RowSet
 
 FAR = 1.0  # [rad] off its equation, where a search may end elsewhere
+LACKING = 1e-7  # times cos psi: a gap [rad] that a search may leave
 ASIDE = 1e-3  # [rad] off the vertical, where an equation is read that has no value on it
 
 
@@ -47,6 +48,25 @@ def turn_azimuths(mechanism: Mechanism, given: Collection[str], coordinates: dic
             _turn(coordinates, row, unset[:1], gap)
         elif upright or abs(gap) > FAR:
             _turn(coordinates, row, upright[:1] or list(row.azimuths), gap)
+
+
+def require_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: Sequence[RowSet]) -> None:
+    """Turn upright links to the azimuths that their rows say. SceneError where rows hold only because a link stands upright."""
+    rows = [(entry.t, row) for entry in sets if entry.ideal for row in entry.info if row.regular]
+    for t, row in rows:
+        upright = [name for name in row.regular.azimuths if name != "phi0" and _upright(coordinates, name)] if row.regular else []
+        if row.regular and upright:
+            _turn(coordinates, row.regular, upright[:1], _gap(mechanism, t, row.regular, coordinates))
+    for t, row in rows:
+        assert row.regular
+        gap, flat = _gap(mechanism, t, row.regular, coordinates), 1.0
+        for name in row.regular.azimuths:
+            flat *= 1.0 if name == "phi0" else max(abs(math.cos(coordinates[name.replace("phi", "psi")])), ASIDE)
+        if abs(gap) * flat > LACKING:
+            raise SceneError(
+                f"start: no posture near it meets the constraint {row.text!r} beside the others: it is off by {gap:.3g}, and a "
+                "link stands upright between them; give a start nearer to them, or drop one that contradicts another"
+            )
 
 
 def _regular(sets: Sequence[RowSet]) -> list[tuple[float, AzimuthRow]]:

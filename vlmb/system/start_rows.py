@@ -13,7 +13,7 @@ from vlmb.scene.by_phase import programme_at
 from vlmb.system.constrained import SIDEWAYS
 from vlmb.system.frames import LinkFrames
 from vlmb.system.row_sets import RowSet
-from vlmb.system.start_azimuths import shared_azimuths, turn_azimuths
+from vlmb.system.start_azimuths import require_azimuths, shared_azimuths, turn_azimuths
 from vlmb.system.start_search import HELD, LEAN, Posture, Search
 from vlmb.system.system import System
 
@@ -93,6 +93,7 @@ def meet_positions(
             lacking = np.abs([search.residual(ideal, start), search.solve(ideal, names, start, 1)[1]])
             raise _no_posture(ideal, lacking.max(axis=0))  # where a whole search ends, at a pole, what is left may look small
     posture, leaned = found or (start, [])
+    require_azimuths(mechanism, posture, ideal)
     coordinates.update(posture)
     moved = [name for name in names if abs(coordinates[name] - search.given[name]) > HELD]
     adjustments = []
