@@ -117,8 +117,8 @@ def regular_form(mechanism: Mechanism, row: AzimuthRow) -> Expression:
     if row.rest:
         angle = _times(1.0 / first, ("+", *row.rest) if len(row.rest) > 1 else row.rest[0])
         sides.append((("cos", angle), ("sin", angle)))
-    names = row.names | frozenset(row.equation.names)
-    return Expression(row.equation.text, names, row.equation.left.key, _times(first, reduce(_product, sides)[1]))
+    tree = _times(first, reduce(_product, sides)[1])
+    return Expression(row.equation.text, _names(tree), row.equation.left.key, tree)
 
 
 def _terms(tree: Tree, factor: float) -> list[tuple[float, Tree]]:
