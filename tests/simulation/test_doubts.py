@@ -185,3 +185,14 @@ def test_laws_that_vary_fast_and_are_followed_raise_no_doubt(law: str, method: s
     scene = {"base": {"kind": "pivot"}, "plane": True, "gravity": 0.0, "links": [mass], "start": start}
     run = vlmb.simulate(scene | {"forces": [{"on": "F1_1", "law": law}]}, 1.0, method)
     assert run.status == "finished" and not run.doubts
+
+
+@pytest.mark.parametrize("keys", [
+    {"forces": [{"on": "T_b", "law": "-300*exp(-((psi2 - psi1 + 0.6)/1e-4)**2)"}], "start": {"psi1": -0.3, "psi2": -0.5}},
+    {"programme": {"constraints": ["psi1 = -0.3 - t + 0.02*exp(-((a.tip.x - 0.25)/3e-4)**2)"], "controls": ["M_psi1"],
+                   "frequency": 3.0}, "start": {"psi1": -0.3, "psi2": -0.5}},
+])  # fmt: skip
+def test_equations_and_torques_at_hinges_are_followed_as_well(keys: dict[str, Any]) -> None:
+    links = [{"name": name, "rod": {"length": 0.5, "mass": 2.0}} for name in "ab"]
+    found = vlmb.simulate({"base": {"kind": "pivot"}, "plane": True, "links": links, **keys}, 1.0, "adams")
+    assert "does something on a way that the steps passed over" in found.doubts[0]

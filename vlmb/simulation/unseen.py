@@ -73,6 +73,9 @@ def passed_between(
         if is_named(force) and force.coordinate:
             acting.setdefault(force.name, []).append(law)
     asked = [(f"the law {laws[0].text!r} of {name}", laws, name) for name, laws in acting.items()]
+    for force, law in zip(system.forces.channels, system.forces.laws, strict=False):
+        if is_named(force) and not force.coordinate:  # what a hinge torque acts along has no rate among the quantities
+            asked.append((f"the law {law.text!r} of {force.name}", [law], ""))
     info = system.constraints.info if system.constraints else ()
     rows = [_difference(root) for root in system.constraints.roots[: len(info)]] if system.constraints else []
     asked += [(f"the equation {row.text!r}", [root], "") for row, root in zip(info, rows, strict=True) if not row.of_forces]
