@@ -158,3 +158,41 @@ def test_the_command_line_has_exit_code_1(tmp_path: Path, capsys: pytest.Capture
 def test_doubts_do_not_change_what_a_run_is() -> None:
     names = [field.name for field in dataclasses.fields(vlmb.Trajectory)]
     assert names[-3:] == ["doubts", "stretches", "events"]  # pickles and positional arguments of before
+
+
+@pytest.mark.parametrize("law", [
+    "-500*exp(-((psi1 + 0.7312)/1e-3)**2)", "-20*psi1_dot*exp(-((a.tip.x - 0.25)/1e-3)**2)",
+    "-1000*exp(-((psi1_dot + 3)/3e-4)**2)",
+])  # fmt: skip
+def test_what_a_law_does_between_two_samples_is_looked_for_along_the_motion(law: str) -> None:
+    """The pendulum passes it within some 1e-4 s; with short steps nothing is doubtful."""
+    link = {"name": "a", "rod": {"length": 0.5, "mass": 2.0}}
+    scene = {"base": {"kind": "pivot"}, "plane": True, "links": [link], "start": {"psi1": -0.3}}
+    scene["forces"] = [{"on": "M_psi1", "law": law}]
+    over, through = (vlmb.simulate(scene, 0.8, "adams", max_step=step) for step in (None, 2e-5))
+    assert "steps passed over" in over.doubts[0]
+    assert abs(over["psi1"][-1] - through["psi1"][-1]) > 1e-4 and not through.doubts
+
+
+@pytest.mark.parametrize("law", [
+    "-2*atan(xi1_1_dot/1e-4)", "-(1 + 0.5*xi1_1_dot)*exp((xi1_1 - 2)/1e-3)", "1e-3*(2 - xi1_1)/((2 - xi1_1)**2 + 1e-6)**1.5",
+    "5*sin(xi1_1/1e-3)", "1e3*exp(-((xi1_1 - 2)/1e-2)**2)*max(0, 1 - xi1_1)",
+])  # fmt: skip
+@pytest.mark.parametrize("method", ["dop853", "radau"])
+def test_laws_that_vary_fast_and_are_followed_raise_no_doubt(law: str, method: str) -> None:
+    mass = {"name": "m", "rod": {"length": 0.0, "mass": 0.0}, "tip_mass": 1.0, "lower": {"length": 1.0, "limits": [-1e9, 1e9]}}
+    start = {"psi1": 0.0, "xi1_1": 1.0, "xi1_1_dot": 1.0}
+    scene = {"base": {"kind": "pivot"}, "plane": True, "gravity": 0.0, "links": [mass], "start": start}
+    run = vlmb.simulate(scene | {"forces": [{"on": "F1_1", "law": law}]}, 1.0, method)
+    assert run.status == "finished" and not run.doubts
+
+
+@pytest.mark.parametrize("keys", [
+    {"forces": [{"on": "T_b", "law": "-300*exp(-((psi2 - psi1 + 0.6)/1e-4)**2)"}], "start": {"psi1": -0.3, "psi2": -0.5}},
+    {"programme": {"constraints": ["psi1 = -0.3 - t + 0.02*exp(-((a.tip.x - 0.25)/3e-4)**2)"], "controls": ["M_psi1"],
+                   "frequency": 3.0}, "start": {"psi1": -0.3, "psi2": -0.5}},
+])  # fmt: skip
+def test_equations_and_torques_at_hinges_are_followed_as_well(keys: dict[str, Any]) -> None:
+    links = [{"name": name, "rod": {"length": 0.5, "mass": 2.0}} for name in "ab"]
+    found = vlmb.simulate({"base": {"kind": "pivot"}, "plane": True, "links": links, **keys}, 1.0, "adams")
+    assert "does something on a way that the steps passed over" in found.doubts[0]

@@ -110,3 +110,12 @@ def test_what_begins_to_slide_with_a_speed_of_rounding_does_so_once():
         assert run.status == "finished" and [event.kind for event in run.events] == kinds and balanced(run)
     assert [event.t for event in runs[0].events] == pytest.approx([event.t for event in runs[1].events], abs=1e-7)
     assert runs[0]["x"][-1] == pytest.approx(runs[1]["x"][-1], abs=1e-8)
+
+
+def test_a_foot_that_turns_as_it_stops_comes_to_rest():
+    """Along each new direction it stops sooner than along the one before; it would turn for ever."""
+    run = vlmb.simulate(contacts(197, Words()))
+    stops = [event for event in run.events if event.t > 0.4]
+    assert run.status == "finished" and balanced(run)
+    assert stops[-1].kind == "stick" and stops[-1].t - stops[0].t < 1e-8 and len(stops) <= 6
+    assert np.abs(run.position("b", "tip")[run.t > 0.43] - run.position("b", "tip")[-1]).max() < 1e-8

@@ -47,10 +47,33 @@ def test_a_narrow_window_is_not_passed_over(law: str, engine: str) -> None:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_window_that_moves_is_not_passed_over(engine: str) -> None:
+@pytest.mark.parametrize("method", ["dop853", "adams", "radau"])
+@pytest.mark.parametrize("width", [0.1, 1e-4, 1e-7])
+def test_a_window_that_moves_is_not_passed_over(width: float, method: str, engine: str) -> None:
     """Against the window the speed is 0.8 m/s before, and sqrt(0.64 + 4) after."""
-    run = vlmb.simulate(slide("where(abs(xi1_1 - 1.5 - 0.2*t) < 1e-4, 1e4, 0)"), 2.0, engine=engine)
+    law = f"where((xi1_1 - 1.5 - 0.2*t)**2 < {0.25 * width**2!r}, {2.0 / width!r}, 0)"
+    run = vlmb.simulate(slide(law), 2.0, method, engine=engine)
     assert run["xi1_1_dot"][-1] == pytest.approx(0.2 + math.sqrt(4.64), abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["dop853", "radau"])
+@pytest.mark.parametrize("law", [
+    "where((t - 50.345678)**2 < 2.5e-17, 1e8, 0)", "where(1e16*(t - 50.345678)**2 < 0.25, 1e8, 0)",
+    "1e6*max(0, 1 - ((t - 50.345678)/1e-6)**2)*0.75",
+])  # fmt: skip
+def test_a_window_of_time_may_be_as_narrow_as_time_tells(law: str, method: str) -> None:
+    """1e-8 s in 100 s; outside the parabola is as far from 0 as it is long."""
+    run = vlmb.simulate(slide(law), 100.0, method)
+    assert run.status == "finished" and run["xi1_1_dot"][-1] == pytest.approx(2.0, abs=1e-5), run.message
+
+
+@pytest.mark.parametrize("method", ["dop853", "adams", "radau"])
+@pytest.mark.parametrize("width", [1e-4, 1e-6])
+def test_a_narrow_bump_far_from_the_start_is_not_passed_over(width: float, method: str) -> None:
+    """At its edges it pushes nothing: a long step from there knows nothing of it."""
+    law = f"{0.75 / width!r}*max(0, 1 - ((xi1_1 - 503.345678)/{width!r})**2)"
+    run = vlmb.simulate(slide(law, 10.0), 100.0, method)
+    assert run.status == "finished" and run["xi1_1_dot"][-1] == pytest.approx(math.sqrt(102.0), abs=1e-6), run.message
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -12,8 +12,9 @@ import vlmb
 from tests.small_scenes import PIVOT, SKI
 from vlmb.errors import SceneError
 from vlmb.system.constraints import RowValues
+from vlmb.system.row_sets import RowSet
 from vlmb.system.start import Start, consistent_start
-from vlmb.system.start_rows import RowSet, row_sets
+from vlmb.system.start_rows import row_sets
 from vlmb.system.start_search import Search
 from vlmb.system.system import make_system
 

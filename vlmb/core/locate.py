@@ -17,6 +17,7 @@ from vlmb.core.indicators import leaves, sign, turning_points
 LOOKS = 8  # evenly spaced looks at an indicator in the step, besides those where its cubic turns
 NEAREST = 1e-8  # of a turning point, relative to the larger of t and the step: its value is then right to rounding
 PLAIN = 1e-3  # of the distance to 0: a search that gains less does not reach it
+BESIDE = 20.0  # times that distance: where a turning point is looked for anew, once rounding has hidden its place
 TOLERANCE = 4.0 * np.finfo(float).eps  # of a root, relative to the larger of t and the step
 
 
@@ -75,19 +76,37 @@ def with_turns(looks: list[tuple[float, float]], value: Callable[[float], float]
     for (a, at_a), (b, at_b), (c, at_c) in zip(looks, looks[1:], looks[2:], strict=False):
         side = sign(at_b)
         if side * at_a > 0.0 and side * at_c > 0.0 and side * at_b <= min(side * at_a, side * at_c):
-            found.append(least(value, (a, b, c), (at_a, at_b, at_c), side))
+            turn = least(value, (a, b, c), (at_a, at_b, at_c), side)
+            found.append(_closer(value, turn, (a, c), min(abs(at_a), abs(at_c)), side))
     return sorted(found)
 
 
-def least(
-    value: Callable[[float], float], times: tuple[float, float, float], values: tuple[float, float, float], side: float
+def _closer(
+    value: Callable[[float], float], turn: tuple[float, float], ends: tuple[float, float], size: float, side: float
 ) -> tuple[float, float]:
+    """Look again beside a turning point so near to 0 that the values at the ends, of a size, hid its place by their rounding."""
+    b, at_b = turn
+    shift = BESIDE * NEAREST * max(abs(b), ends[1] - ends[0])
+    if not (0.0 < side * at_b < NEAREST * size and ends[0] < b - shift and b + shift < ends[1]):
+        return turn
+    at_a, at_c = value(b - shift), value(b + shift)
+    for t, found in ((b - shift, at_a), (b + shift, at_c)):
+        if side * found <= side * at_b:
+            return t, found
+    return least(value, (b - shift, b, b + shift), (at_a, at_b, at_c), side, TOLERANCE * abs(b))
+
+
+def least(
+    value: Callable[[float], float], times: tuple[float, float, float], values: tuple[float, float, float], side: float,
+    width: float | None = None,
+) -> tuple[float, float]:  # fmt: skip
     """Where side * value is least between three times, the middle one the best so far, and the value there.
 
     By parabolas through the three best times, or a part of the wider side where these do not move; ends where the sign changes,
-    and where it is plain that it does not.
+    where it is plain that it does not, and where the times are within a width [s].
     """
     (a, b, c), (at_a, at_b, at_c) = times, values
+    width = NEAREST * max(abs(b), c - a) if width is None else max(width, NEAREST * (c - a))
     for k in range(30):
         left, right = (b - a) * (at_b - at_c), (b - c) * (at_b - at_a)
         rest = 2.0 * (left - right)
@@ -106,7 +125,7 @@ def least(
             c, at_c = t, at_t
         else:
             a, at_a = t, at_t
-        if c - a < NEAREST * max(abs(b), times[2] - times[0]) or (k > 2 and 0.0 <= gain < PLAIN * abs(at_b)):
+        if c - a < width or (k > 2 and 0.0 <= gain < PLAIN * abs(at_b)):
             break
     return b, at_b
 

@@ -119,14 +119,14 @@ def _ask(driver: Driver, stage: int) -> int:
     if stage == COLUMN:
         column = driver.counts[ITERATION]
         if column != F_AGAIN:
-            driver.point[column] += _increment(driver.point[column])
+            driver.point[column] += _increment(driver.point[column], rows[F, column])
     return EVALUATE
 
 
 @inner
-def _increment(y: float) -> float:
-    """Difference in a state: the square root of rounding for states of about 1."""
-    return math.sqrt(DIFFERENCE * max(SMALL, abs(y)))
+def _increment(y: float, rate: float) -> float:
+    """Difference in a state: the square root of rounding for states of about 1. Ahead: a law may have switched just before."""
+    return math.copysign(math.sqrt(DIFFERENCE * max(SMALL, abs(y))), rate)
 
 
 @inner
@@ -171,7 +171,10 @@ def _factor(driver: Driver) -> None:
 
 @inner
 def _prepare_rounds(driver: Driver) -> None:
-    """Factor what is not factored; guess the stages by the cubic of the step before."""
+    """Factor what is not factored; guess the stages by the cubic of the step before, of a first step by its slope.
+
+    Without that slope they would stay behind a switch that moves with time and has just been passed.
+    """
     count, real, rows = driver.counts, driver.real, driver.rows
     if count[FACTORED] == 0 or real[FACTORED_H] != real[H]:
         _factor(driver)
@@ -181,7 +184,7 @@ def _prepare_rounds(driver: Driver) -> None:
             # the cubic starts at the state before this one: less its value at this one
             q0, q1, q2 = rows[Q, j], rows[Q + 1, j], rows[Q + 2, j]
             guess = x * (q0 + x * (q1 + x * q2)) - (q0 + q1 + q2)
-            rows[Z + stage, j] = guess if count[STEP_INDEX] > 0 else 0.0
+            rows[Z + stage, j] = guess if count[STEP_INDEX] > 0 else NODES[stage] * real[H] * rows[F, j]
     _transform(rows, Z, W, FROM_STAGES)
     count[ITERATION] = 0
     real[CHANGE] = 0.0

@@ -19,6 +19,7 @@ from vlmb.core.tape import play_jets, play_values, read_time
 
 PIECES = 256  # of the run, for the range of each slot
 SMALLEST = 1e-9  # of the run: features narrower than this are not found
+FINEST = 1e-13  # of the run: the same of what is smooth there
 MOST = 200_000  # intervals looked at
 FULL, TOO_MANY = -1, -2  # codes of `find_breaks`
 
@@ -34,8 +35,8 @@ def time_scale(tape: Tape, parameters: Array, begin: float, end: float, count: i
     """Find how long steps may be so that none passes over something that a law does in time.
 
     Within a step h every slot that depends on time alone has h^2 max|f''| <= the range of f over the run: 1.4/w for sin(w t), 0.7
-    of the width w of exp(-(t/w)^2), however narrow that is beside the run. Not found: features narrower than 1e-9 of the run, and
-    any after `until`, where laws vary too fast for the number of intervals allowed.
+    of the width w of exp(-(t/w)^2), however narrow that is beside the run. Not found: features narrower than 1e-13 of the run,
+    and any after `until`, where laws vary too fast for the number of intervals allowed.
     """
     slots = int(tape.parts[op.LEAVES]) + len(tape.code)
     ranges, boxes, out = np.empty((slots, 2)), np.empty((slots, 6)), np.empty((count, 3))
@@ -51,7 +52,8 @@ def time_breaks(tape: Tape, parameters: Array, begin: float, end: float, count: 
 
     nan as the last: there are more than were looked for.
 
-    Not found: two switches closer than 1e-9 of the run, and arguments that touch 0 and return, other than at a domain's end.
+    Not found: two switches closer than 1e-9 of the run of an argument with a kink between them, or of any closer than 1e-13, and
+    arguments that touch 0 and return, other than at a domain's end.
     """
     slots = int(tape.parts[op.LEAVES]) + len(tape.code)
     boxes, buffers, found = np.empty((slots, 6)), make_buffers(tape), np.empty(count)
@@ -151,7 +153,7 @@ def find_steps(
         low = begin + step * at
         enclose(tape, parameters, low, low + step, boxes)
         looked += 1
-        if step > SMALLEST * size and not is_resolved(tape, boxes, ranges, step):
+        if step > FINEST * max(size, abs(low)) and not is_resolved(tape, boxes, ranges, step):
             at, depth = 2 * at, depth + 1
         else:
             if count > 0 and (out[count - 1, 2] == step or count == out.shape[0]):
@@ -184,7 +186,8 @@ def find_breaks(
         may = below <= 0.0 <= above and not (below == 0.0 and above == 0.0)
         rising = boxes[slot, 2] > 0.0 or boxes[slot, 3] < 0.0
         smooth = boxes[slot, 3] - boxes[slot, 2] < math.inf and above - below < math.inf
-        if may and not (rising and smooth) and step > SMALLEST * size:
+        turning = smooth and step > FINEST * max(size, abs(low))  # a parabola may open a window within 1e-9 of the run
+        if may and not (rising and smooth) and (step > SMALLEST * size or turning):
             at, depth = 2 * at, depth + 1
             continue
         if may:

@@ -6,7 +6,7 @@ asked for leaves no trace.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -17,6 +17,7 @@ from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.histories import held_along, slopes_along
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.motion import Motion
+from vlmb.simulation.unseen import passed_between
 from vlmb.system.pace import longest_steps
 from vlmb.system.system import System
 
@@ -30,14 +31,21 @@ NEAR = 8  # samples before and after one that show how well slopes are known
 OUTSTANDING = 50.0  # times the spread of the slopes around it
 
 
-def doubts_of(system: System, motion: Motion, inputs: Array, energies: Mapping[str, Array]) -> tuple[str, ...]:
-    """Return every doubt about the samples of a run: inputs (N, S) are recorded forces from outside, energies (N,) by name."""
+def doubts_of(
+    system: System, motion: Motion, inputs: Array, energies: Mapping[str, Array], turns: Collection[float] = ()
+) -> tuple[str, ...]:
+    """Return every doubt about the samples of a run.
+
+    inputs (N, S): recorded forces from outside; energies (N,) by name; turns [s]: where the run began anew
+    """
     run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
     found = [*of_energy(energies, run), *of_steps(system.mechanism.scene, run, motion.t)]
     seen = inputs.shape[1] or any(law.names - own for law in system.forces.written)  # laws of time are looked through before
     if seen and not system.points:  # forces of contacts jump
         names = system.forces.inputs or ()
         found += of_slopes(motion.t, *slopes_along(system, motion, inputs), run, dict(zip(names, inputs.T, strict=True)))
+    if not found and not system.points and find_method(run.method).adaptive:
+        found += passed_between(system, motion, energies["kinetic"], share_allowed(run), turns)
     held = held_along(system, motion)
     return (*found, *(of_rows(held, largest(motion.coordinates[1]), run) if held else ()))
 

@@ -14,9 +14,11 @@ from vlmb.core.driver import (
     EVALUATIONS,
     FIRST_STEP_SIZE,
     HIT,
+    LAST_FIXED,
     METHOD,
     METHODS,
     RTOL,
+    SLICE_SIZE,
     T_NEW,
     TIME_BEFORE,
     Driver,
@@ -34,6 +36,7 @@ STEPPED = (LIMIT, FALL, SWITCH, NAMED)  # kinds of events at which all forces ha
 ROUNDS, STEADY = 8, 1e-15  # of the search, and the change of the time, over the step, that ends it
 NEAR = 0.05  # of the step: how far the event may move
 NOISE = 1e3  # times STEADY: the way from which a slope is taken
+FEW = 400  # evaluations of one way there, in a motion that may be stiff
 SHORT = 1e-4  # of the step: of a difference quotient, and the least that is stepped
 
 
@@ -42,9 +45,10 @@ def step_onto(engine: Engine, driver: Driver, k: int, t: float) -> float:
 
     Where that does not come to rest, what dense output has stays.
     """
-    if driver.counts[METHOD] != METHODS["dop853"] or engine.events[k].kind not in STEPPED:
+    if driver.counts[METHOD] <= LAST_FIXED or engine.events[k].kind not in STEPPED:
         return t
-    began, h, last = float(driver.real[TIME_BEFORE]), float(driver.real[H]), float(driver.real[T_NEW])
+    began, last = float(driver.real[TIME_BEFORE]), float(driver.real[T_NEW])
+    h = min(float(driver.real[H]), (t - began) / NEAR)  # a long step sees nothing of a window that it begins with
     low, high = max(t - NEAR * h, began + SHORT * h), min(t + NEAR * h, last)
     if not (h > 0.0 and low < t):
         return t
@@ -93,6 +97,8 @@ def _stepped(engine: Engine, driver: Driver, t: float, end: float) -> Array:
     single = make_driver("dop853", len(driver.point), rtol=float(driver.real[RTOL]), atol=float(driver.real[ATOL]))
     single.point[:] = driver.rows[Y]
     single.real[FIRST_STEP_SIZE] = end - t
+    if driver.counts[METHOD] == METHODS["radau"]:
+        single.counts[SLICE_SIZE] = FEW
     begin(single, t, end)
     code = engine.run(single, np.zeros((0, 3)), np.inf)
     driver.counts[EVALUATIONS] += single.counts[EVALUATIONS]

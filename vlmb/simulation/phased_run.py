@@ -59,7 +59,7 @@ class PhasedRun(LegSteps):
         self.now: System | None = None  # of the phase under way
         self.switched: list[tuple[float, str]] = []  # the last events of contacts, told or not
         self.begun: tuple[Engine, Loop, tuple[Footing, ...]] | None = None  # the phase under way
-        self.strikes = Strikes()
+        self.strikes, self.halts = Strikes(), Strikes(every=2)
         self.begins = self._at_start()
 
     def failed_by(self, error: BaseException) -> str:

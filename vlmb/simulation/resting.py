@@ -33,22 +33,23 @@ BEGINS = 1e-12  # [m/s] a speed with which a contact begins to slide: more than 
 
 
 class Strikes:
-    """The last impacts of every contact: when, and how fast it approached."""
+    """The last impacts of every contact, or every second one: when, and how fast it approached."""
 
-    def __init__(self) -> None:
+    def __init__(self, every: int = 1) -> None:
         self.last: dict[int, tuple[tuple[float, float], ...]] = {}
+        self.every = every
 
     def note(self, t: float, speeds: Mapping[int, float]) -> None:
         """Take impacts at a time [s] by the speeds [m/s] of approach."""
         for k, speed in speeds.items():
-            self.last[k] = (*self.last.get(k, ())[-2:], (t, speed))
+            self.last[k] = (*self.last.get(k, ())[-2 * self.every :], (t, speed))
 
     def left(self, which: Iterable[int]) -> float:
         """Return the time [s] in which the impacts of contacts end if their cycles go on as they have; inf where they do not end.
 
         By the slowest of the last ratios, so that it is rather too long.
         """
-        return max((_left(self.last.get(k, ())) for k in which), default=np.inf)
+        return max((_left(self.last.get(k, ())[:: self.every]) for k in which), default=np.inf)
 
 
 def _left(last: Sequence[tuple[float, float]]) -> float:

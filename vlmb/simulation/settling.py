@@ -59,6 +59,7 @@ class Settling(Resting):
 
     several = False  # whether other modes were admissible at the last event
     strikes: Strikes
+    halts: Strikes  # of contacts that stopped along their last direction and had some speed across it
 
     def _settled(
         self, hit: Watched | None, footings: tuple[Footing, ...], near: Sequence[int], opening: Collection[int],
@@ -73,6 +74,10 @@ class Settling(Resting):
         y, frames, self.several = self.y, {k: self._frame(k) for k in near}, False
         found = self._without_forces(y)
         approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
+        halted = self._halted(hit, y, found, footings, frames, approach)
+        if halted is not None:
+            y, found = halted, self._without_forces(halted)
+            approach = {k: self._local(found.jets[k], k, frames[k]) for k in near}
         fired = -1 if hit is None or hit.name != TOUCHES else hit.which
         strikes = [
             k for k in near if k in landing or (footings[k].state not in CLOSED and (approach[k][-1] < -STILL or k == fired))
@@ -123,6 +128,23 @@ class Settling(Resting):
         event, happened = self._event(hit, before, after, strikes, told), self._happened(hit, before, after, strikes)
         shared, _ = self._carried_by_others(y, tuple(after), resting, frames, set())
         return Outcome(shared or tuple(after), y, event, "", happened)
+
+    def _halted(
+        self, hit: Watched | None, y: Array, found: Answers, footings: Sequence[Footing], frames: Mapping[int, Array],
+        speeds: Mapping[int, Array],
+    ) -> Array | None:  # fmt: skip
+        """Return the state in which a contact stands that stops along one direction after the other, faster and faster.
+
+        None where it does not, or has far to go. Then it slides on across its last direction.
+        """
+        if hit is None or hit.name != STICKS or self.points[hit.which].edge is not None:
+            return None
+        fast = float(np.linalg.norm(speeds[hit.which][:-1]))
+        self.halts.note(self.t, {hit.which: fast})
+        if fast <= STILL or not ends_now(self.halts.left([hit.which]), fast):
+            return None
+        closed = {k: footings[k].state for k in frames if footings[k].state in (HELD, SLIDING)} | {hit.which: HELD}
+        return self._stopped(y, found, frames, closed, {k: np.array(footings[k].towards) for k in closed})[0]
 
     def _with_stops(self, told: Mapping[str, Any], stops: Array, lost: float, left: float) -> dict[str, Any]:
         """Return what is told of an impact that is the last one taken of those that would end in a time [s]."""

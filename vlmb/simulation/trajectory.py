@@ -95,7 +95,8 @@ class Trajectory(Remade, Displayed):
         motion, looked = Motion(system, engine, t, states, branch, begun(stretches, len(t))), {}
         try:
             looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches)
-            doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"])
+            anew = {turn.t for turn in turns}
+            doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"], anew)
         except Exception as error:  # the samples are there, whatever becomes of what is computed of them
             doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
         made = Trajectory(

@@ -14,8 +14,9 @@ from vlmb.model.names import DOT
 from vlmb.scene.scene import Scene
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.system.contacts import Footing, contact_points
+from vlmb.system.row_sets import RowSet
 from vlmb.system.ski_contact import NORMAL_ROW, SKI
-from vlmb.system.start_rows import RowSet, row_sets
+from vlmb.system.start_rows import row_sets
 from vlmb.system.system import make_system
 
 Array = NDArray[np.float64]

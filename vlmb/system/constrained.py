@@ -101,7 +101,7 @@ class ConstraintSolver:
         self.inertias = _inertias(mechanism) if weak and scene.constraints else None
         self.weights = np.zeros(self.count)  # W at the last solution
         self.bounded = [not (k >= held and info[k - held].unbounded) for k in range(self.count)]
-        self.working = np.array([held + k for k, row in enumerate(info[: self.ideal]) if row.working], dtype=np.intp)
+        self.working = np.array([held + k for k, row in enumerate(info[: self.ideal]) if row.worker >= 0], dtype=np.intp)
 
     @property
     def needed(self) -> bool:

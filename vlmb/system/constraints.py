@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -24,8 +23,9 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import GeneralizedForce
 from vlmb.model.quantities import allowed_names
 from vlmb.scene.by_phase import numbers_of
-from vlmb.scene.expressions import Equation, Expression, Tree, parse_equation
+from vlmb.scene.expressions import Equation, Expression, parse_equation
 from vlmb.scene.rows import Row, read_row
+from vlmb.system.azimuth_rows import AzimuthRow, azimuth_row, regular_form, with_given_azimuths
 from vlmb.system.frames import LinkFrames
 from vlmb.system.readings import make_readings, no_direction
 
@@ -42,7 +42,8 @@ class Constraint:
     angle: bool  # z is a difference of angles: wrapped to [-pi, pi)
     names: frozenset[str]
     working: bool  # W v is not z': as an ideal constraint it does work, because it moves with time or asks for a rate
-    azimuths: tuple[str, str] | None = None  # of an ideal row in its regular form
+    regular: AzimuthRow | None = None  # what an ideal row says of azimuths
+    worker: int = -1  # whose work its multiplier does, by number; -1: nobody's
     unbounded: bool = False  # W grows without bound: that of an azimuth towards the pole
     of_forces: bool = False  # it is one of forces of contacts, and has no W
 
@@ -63,8 +64,8 @@ class RowValues(NamedTuple):
 class ConstraintSet:
     """Compiled rows, and the forces of controls; never changed. Evaluating needs up-to-date frames.
 
-    Ideal rows that equate two azimuths are taken in their regular form, cos psi sin(phi_i - phi_j) = 0 through the
-    directions, which has no pole. `pushed` are (force, scale): what a force of that size is over v stands above W.
+    Ideal rows that say what an azimuth is, or the sum or difference of two, are taken in their regular form. `pushed` are
+    (force, scale): what a force of that size is over v stands above W.
     """
 
     def __init__(
@@ -83,15 +84,17 @@ class ConstraintSet:
         rows = [read_row(text, key) for text, key, _ in texts]
         equations = [rests.get(row.key) or parse_equation(row.equation, row.key, names) for row in rows]
         of_forces = [row.key in rests for row in rows]
-        pairs = [_azimuths(mechanism, equation) if text[2] else None for equation, text in zip(equations, texts, strict=True)]
-        self.roots = (*map(partial(_regular, mechanism), equations, pairs), *behind)  # as they are compiled
+        written = [azimuth_row(mechanism, row, k) if texts[k][2] else None for k, row in enumerate(equations)]
+        regular = with_given_azimuths(mechanism, written)
+        made = [regular_form(mechanism, row) if row else equation for row, equation in zip(regular, equations, strict=True)]
+        self.roots = (*made, *behind)  # as they are compiled
         self.behind = tuple(behind)
         forces, scales = [force for force, _ in pushed], [scale for _, scale in pushed]
         self.readings = make_readings(mechanism, self.roots, forces, scales, len(rows), np.flatnonzero(of_forces))
         kinds = [row[0] for row in self.readings.table.rows]
         unbounded = [any(kinds[at] == AZIMUTH for at in self.readings.read(root)) for root in range(len(rows))]
         facts = self.readings.compiled.rows[: len(rows)]
-        self.info = tuple(map(_classify, rows, equations, facts, pairs, unbounded, of_forces))
+        self.info = tuple(map(_classify, range(len(rows)), rows, equations, facts, regular, unbounded, of_forces))
         self.texts = tuple(info.text for info in self.info)
         self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
@@ -161,41 +164,14 @@ def contradiction(names: Sequence[str], steep: Sequence[bool]) -> SingularError:
     )
 
 
-def _azimuths(mechanism: Mechanism, equation: Equation) -> tuple[str, str] | None:
-    """Names of the coordinates of the two azimuths of an equation such as `phi1 = phi0`; None for any other."""
-    sides = []
-    for side in (equation.left, equation.right):
-        name = side.tree[1] if side.tree[0] == "name" else ""
-        quantity = mechanism.names.find(name) if name in mechanism.names else None
-        if quantity is None or quantity.rate or quantity.kind not in ("phi", "phi0"):
-            return None
-        sides.append(quantity.name)
-    return (sides[0], sides[1]) if sides[0] != sides[1] else None
-
-
-def _regular(mechanism: Mechanism, equation: Equation, azimuths: tuple[str, str] | None) -> Equation | Expression:
-    """Return d_1y d_2x - d_1x d_2y for two azimuths; any other equation as it is."""
-    if azimuths is None:
-        return equation
-    (ax, ay), (bx, by) = (_flat(mechanism, name) for name in azimuths)
-    tree: Tree = ("+", ("*", ay, bx), ("neg", ("*", ax, by)))
-    return Expression(equation.text, equation.names, equation.left.key, tree)
-
-
-def _flat(mechanism: Mechanism, azimuth: str) -> tuple[Tree, Tree]:
-    """Return the trees of a direction's components on the snow."""
-    quantity = mechanism.names.find(azimuth)
-    if quantity.kind == "phi0":
-        return ("cos", ("name", azimuth)), ("sin", ("name", azimuth))
-    link = mechanism.layout.links[quantity.link].name
-    return ("name", f"{link}.direction.x"), ("name", f"{link}.direction.y")
-
-
 def _classify(
-    row: Row, equation: Equation, facts: RowFacts, azimuths: tuple[str, str] | None, unbounded: bool, of_forces: bool
+    number: int, row: Row, equation: Equation, facts: RowFacts, regular: AzimuthRow | None, unbounded: bool, of_forces: bool
 ) -> Constraint:
     if of_forces:
         return Constraint(row.name, False, False, equation.names, False, of_forces=True)
     if not facts.moves:
         raise SceneError(f"{row.key}: {equation.text!r} contains no coordinate or rate: nothing can make it true or false")
-    return Constraint(row.name, facts.position, facts.angle, equation.names, facts.working, azimuths, unbounded)
+    working, worker = facts.working, number if facts.working else -1
+    if regular:
+        working, worker = number in regular.timed, next(iter(regular.timed), -1)
+    return Constraint(row.name, facts.position, facts.angle, equation.names, working, regular, worker, unbounded)

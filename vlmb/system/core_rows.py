@@ -106,7 +106,8 @@ def make_rows(
     own = {} if contacts is None else contacts.work_of()
     for at, row in enumerate(info):
         numbers[1 + at, FORM] = form_of_row(row.holonomic, row.angle, row.of_forces)
-        numbers[1 + at, WORK] = works[own.get(row.text, row.text)] if at < ideal and row.working else -1
+        worker = info[row.worker].text if at < ideal and row.worker >= 0 else ""
+        numbers[1 + at, WORK] = works[own.get(worker, worker)] if worker else -1
         numbers[1 + at, UNBOUNDED] = row.unbounded
     for at, force in enumerate(acting):
         numbers[1 + len(info) + at, [ALONG, WORK]] = table.along(force), works[force.name]

@@ -216,7 +216,7 @@ class Dense:
         slots = [account[c.kind] if c.kind in account else start + names.index(c.name) for c in applied.channels]
         solver, springs = self.solver, self.springs
         own = {} if self.contacts is None else self.contacts.work_of()
-        worked = [row.text for row in solver.info[: solver.ideal] if row.working]
+        worked = [solver.info[row.worker].text for row in solver.info[: solver.ideal] if row.worker >= 0]
         acting = [channel.name for channel in control_channels(self.mechanism)] + [own.get(text, text) for text in worked]
         controlled = [start + names.index(name) for name in acting]
         rubbing = {name: start + at for at, name in enumerate(names)} if solver.slips is not None else {}

@@ -15,7 +15,7 @@ from vlmb.model.names import counted
 from vlmb.scene.names import listed
 from vlmb.system.degrees import in_degrees
 from vlmb.system.start_branches import choose_branch
-from vlmb.system.start_rows import given_values, meet_positions, meet_rates, rank_of, row_sets, share_azimuths
+from vlmb.system.start_rows import given_values, meet_positions, meet_rates, rank_of, row_sets
 from vlmb.system.system import System
 
 Array = NDArray[np.float64]
@@ -70,14 +70,13 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
         coordinates[at.name], rates[f"{at.name}_dot"], _ = jet
     _refuse_outside_limits(mechanism, coordinates)
     sets = row_sets(system, t0)
-    share_azimuths(mechanism, coordinates, sets)
     adjustments = meet_positions(mechanism, followed, coordinates, sets)
     if layout.lifts and "speed" in given:
         heading = coordinates["phi0"]
         rates["x_dot"], rates["y_dot"] = given["speed"] * math.cos(heading), given["speed"] * math.sin(heading)
     adjustments += _along_the_ski(layout, given, coordinates["phi0"], rates) if layout.edged else []
     adjustments += meet_rates(mechanism, followed, coordinates, rates, sets)
-    adjustments += choose_branch(mechanism, followed, coordinates, rates, sets)
+    adjustments += choose_branch(system, followed, coordinates, rates, sets)
     adjustments += in_degrees(mechanism.scene, mechanism.names)
     count = len(mechanism.scene.constraints)
     rank = max((rank_of(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from vlmb.errors import SceneError
 from vlmb.model.mechanism import Mechanism
-from vlmb.system.start_rows import ALIKE, RowSet, given_values
+from vlmb.system.row_sets import RowSet
+from vlmb.system.start_rows import ALIKE, given_values, gradients
+from vlmb.system.system import System
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -70,12 +72,14 @@ class _Posture:
 
 
 def choose_branch(
-    mechanism: Mechanism, followed: set[str], coordinates: Values, rates: Values, sets: Sequence[RowSet]
+    system: System, followed: set[str], coordinates: Values, rates: Values, sets: Sequence[RowSet]
 ) -> list[str]:
     """Bring rates onto the one motion that leaves a singular posture and has the given ones; say so.
 
-    SceneError where two motions have them, or none leaves.
+    Rows count as lost where they are so over directions: that an azimuth has no rate at the vertical loses nothing.
+    SceneError where two motions have the given rates, or none leaves.
     """
+    mechanism = system.mechanism
     rows = next((entry for entry in sets if entry.ideal), None)
     if rows is None or not all(row.holonomic and not row.working for row in rows.info):
         return []
@@ -84,9 +88,12 @@ def choose_branch(
         return []
     jacobian = np.column_stack([near.rates(unit) for unit in np.eye(len(near.names))])
     sizes = np.maximum(np.linalg.norm(jacobian, axis=1), ALIKE)
-    left, singular, right = np.linalg.svd(jacobian / sizes[:, None])
-    rank = int((singular > ALIKE).sum())
-    lost, kernel = (left[:, rank:] / sizes[:, None]).T, right[rank:].T
+    _, singular, right = np.linalg.svd(jacobian / sizes[:, None])
+    kernel = right[int((singular > ALIKE).sum()) :].T
+    over = gradients(system, rows, coordinates, rates)
+    sizes = np.maximum(np.linalg.norm(over, axis=1), ALIKE)
+    left, singular, _ = np.linalg.svd(over / sizes[:, None])
+    lost = (left[:, int((singular > ALIKE).sum()) :] / sizes[:, None]).T
     if not len(lost) or not 0 < kernel.shape[1] <= MOST:
         return []
     forms = _effective(np.stack([lost @ near.bend(w) for w in _pairs(kernel)], axis=1), kernel.shape[1])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +11,9 @@ from vlmb.errors import SceneError, SingularError
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.by_phase import programme_at
 from vlmb.system.constrained import SIDEWAYS
-from vlmb.system.constraints import Constraint, ConstraintSet, RowValues
 from vlmb.system.frames import LinkFrames
+from vlmb.system.row_sets import RowSet
+from vlmb.system.start_azimuths import require_azimuths, shared_azimuths, turn_azimuths
 from vlmb.system.start_search import HELD, LEAN, Posture, Search
 from vlmb.system.system import System
 
@@ -22,62 +21,12 @@ Array = NDArray[np.float64]
 
 LOUD = "MOVED FAR"  # before what a start says of a given value or a length that is no longer near what it was
 ALIKE = 1e-5  # rows whose directions differ by less are told: a little below, the dynamics take them for one
-FAR = 1.0  # [rad] between two azimuths that shall be equal
 ROUNDED, TINY = 1e-10, 1e-300  # of the largest gradient of all rates: below it is rounding
-
-
-class RowSet(NamedTuple):
-    """Some rows of a scene, and the frames they are evaluated in."""
-
-    rows: ConstraintSet
-    frames: LinkFrames
-    numbers: range  # which rows
-    ideal: bool
-    t: float = 0.0  # [s]
-
-    @property
-    def info(self) -> list[Constraint]:
-        """What is known of each."""
-        return [self.rows.info[k] for k in self.numbers]
-
-    @property
-    def texts(self) -> list[str]:
-        """Their equations."""
-        return [row.text for row in self.info]
-
-    @property
-    def holonomic(self) -> NDArray[np.bool_]:
-        """Which are rows of positions."""
-        return np.array([row.holonomic for row in self.info], dtype=bool)
-
-    def at(self, q: Array, v: Array, branch: Sequence[float]) -> RowValues:
-        """Evaluate them at a state."""
-        self.frames.update(q)
-        return self.rows.evaluate(self.frames, self.t, q, v, branch, self.numbers)
-
-    def values(self, coordinates: dict[str, float], rates: dict[str, float]) -> RowValues:
-        """Evaluate them at a posture given by names."""
-        q, v = self.frames.mechanism.state(coordinates, rates)
-        return self.at(q, v, [coordinates[name] for name in self.frames.layout.names])
 
 
 def given_values(mechanism: Mechanism) -> dict[str, float]:
     """Values of the scene's `[start]` by coordinate and rate, aliases resolved."""
     return mechanism.names.canonical(mechanism.scene.start, "start")
-
-
-def _equated_azimuths(sets: list[RowSet]) -> list[tuple[str, str]]:
-    """Pairs of azimuths that ideal rows such as `phi1 = phi0` equate."""
-    return [row.azimuths for entry in sets if entry.ideal for row in entry.info if row.azimuths]
-
-
-def share_azimuths(mechanism: Mechanism, coordinates: dict[str, float], sets: list[RowSet]) -> None:
-    """Give an unset azimuth the value of the one an ideal row equates it with: at the pole the row alone cannot."""
-    given = given_values(mechanism)
-    for pair in _equated_azimuths(sets):
-        for name, other in (pair, pair[::-1]):
-            if name not in given and other in given:
-                coordinates[name] = coordinates[other]
 
 
 def row_sets(system: System, t: float = 0.0) -> list[RowSet]:
@@ -92,24 +41,21 @@ def row_sets(system: System, t: float = 0.0) -> list[RowSet]:
     return [entry for entry in made if entry.numbers]
 
 
-def rank_of(system: System, rows: RowSet, coordinates: dict[str, float], rates: dict[str, float]) -> int:
-    """Rank of rows on what may move: the sideways motion of a ski and prescribed lengths are taken out."""
+def gradients(system: System, rows: RowSet, coordinates: dict[str, float], rates: dict[str, float]) -> Array:
+    """Return the rows W over v of what may move: the sideways motion of a ski and prescribed lengths are taken out."""
     jacobian = rows.values(coordinates, rates).jacobian
     jacobian[:, [at.v for at in system.prescribed]] = 0.0
     if system.mechanism.layout.edged:
         jacobian[:, SIDEWAYS] = 0.0
+    return jacobian
+
+
+def rank_of(system: System, rows: RowSet, coordinates: dict[str, float], rates: dict[str, float]) -> int:
+    """Rank of rows on what may move."""
+    jacobian = gradients(system, rows, coordinates, rates)
     sizes = np.linalg.norm(jacobian, axis=1)
     unit = jacobian[sizes > 0.0] / sizes[sizes > 0.0, None]
     return int(np.linalg.matrix_rank(unit, tol=ALIKE)) if unit.size else 0
-
-
-def _bring_azimuths_near(coordinates: dict[str, float], sets: list[RowSet]) -> None:
-    """Move azimuths that an ideal row equates halfway to each other, where a search from so far apart may end elsewhere."""
-    for first, second in _equated_azimuths(sets):
-        gap = math.remainder(coordinates[first] - coordinates[second], math.tau)
-        if abs(gap) > FAR:
-            coordinates[first] -= 0.5 * gap
-            coordinates[second] += 0.5 * gap
 
 
 def meet_positions(
@@ -129,7 +75,8 @@ def meet_positions(
     unset = [name for name in names if name not in {*given, *still}]
     search = Search(mechanism, dict(coordinates))
     start = dict(coordinates)
-    _bring_azimuths_near(start, sets)
+    turn_azimuths(mechanism, given, start, sets)
+    search.given.update({name: start[name] for name in shared_azimuths(sets) - given.keys()})
     try:
         search.residual(sets, start)
     except SingularError:
@@ -146,6 +93,7 @@ def meet_positions(
             lacking = np.abs([search.residual(ideal, start), search.solve(ideal, names, start, 1)[1]])
             raise _no_posture(ideal, lacking.max(axis=0))  # where a whole search ends, at a pole, what is left may look small
     posture, leaned = found or (start, [])
+    require_azimuths(mechanism, posture, ideal)
     coordinates.update(posture)
     moved = [name for name in names if abs(coordinates[name] - search.given[name]) > HELD]
     adjustments = []

@@ -211,7 +211,7 @@ class System:
 
     @cached_property
     def angled(self) -> frozenset[int]:
-        """Links whose azimuth or elevation a force or an equation goes by; one that equates two azimuths has a regular form."""
+        """Links whose azimuth or elevation a force or an equation goes by; those of a regular form do not count."""
         layout = self.mechanism.layout
         if self.forces.inputs is not None:
             return frozenset(range(len(layout.links)))
@@ -221,7 +221,8 @@ class System:
     @cached_property
     def _named(self) -> frozenset[int]:
         """Links whose azimuth or elevation an equation or a law names."""
-        rows = [row.names for row in self.constraints.info if not row.azimuths] if self.constraints else []
+        info = self.constraints.info if self.constraints else ()
+        rows = [row.regular.names if row.regular else row.names for row in info]
         rows += [law.names for law in self.constraints.behind] if self.constraints else []
         names, own = self.mechanism.names, {"t", *numbers_of(self.mechanism.scene), *self.mechanism.signals}
         read = [names.find(name) for group in (*rows, *(law.names for law in self.forces.written)) for name in group - own]

@@ -185,8 +185,7 @@ class Workspace:
             texts, pairs = [row.text for row in system.info], zip(values.z.tolist(), values.rate.tolist(), strict=True)
             residuals = dict(zip(texts, pairs, strict=False))
             multipliers = solver.multipliers[solver.held :]
-            shares = [self._per_angle(row) for row in system.info[: solver.ideal]]
-            reactions |= dict(zip(texts, (multipliers * shares).tolist(), strict=False))
+            reactions |= dict(zip(texts, self._as_written(multipliers).tolist(), strict=False))
             ideal = multipliers @ values.jacobian[: solver.ideal] + solver.friction()
         if solver.programme is not None:
             tau += solver.forces()
@@ -207,10 +206,15 @@ class Workspace:
         found[[0, 2] if self.layout.plane and held else slice(len(held))] = missing[held]
         return found
 
-    def _per_angle(self, row: Constraint) -> float:
-        """What turns the multiplier of an azimuth row's regular form into the moment [N m] on the angle of its equation."""
-        share = 1.0
-        for name in row.azimuths or ():
-            if name != "phi0":
-                share *= math.cos(self._branch[self.layout.index[name] + 1])
-        return share
+    def _as_written(self, multipliers: Array) -> Array:
+        """Return the multipliers of ideal rows as they are written: of azimuths the moments [N m] on their sum."""
+        found = np.zeros(len(multipliers))
+        for k, row in enumerate(self.system.info[: len(found)]):
+            share, parts = multipliers[k], {k: 1.0}
+            if row.regular:
+                parts = row.regular.parts
+                for name in row.regular.links:
+                    share *= math.cos(self._branch[self.layout.index[name] + 1])
+            for at, part in parts.items():
+                found[at] += part * share
+        return found
