@@ -167,11 +167,12 @@ def test_rows_are_compiled_once_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
         compiled.clear()
         run = vlmb.simulate(made, duration=0.05, control=lambda t, view: {"F1_1": 0.0})
         run.summary(), numbers(run)
-        assert len(compiled) == 1
+        once = 2 if made is CONSTRAINED else 1  # the start reads its equation in azimuths as it is written as well
+        assert len(compiled) == once
         run = again(run)
-        assert len(compiled) == 1  # until somebody looks
+        assert len(compiled) == once  # until somebody looks
         run.summary()
-        assert len(compiled) == 2
+        assert len(compiled) == once + 1
 
 
 def test_threads_share_a_system_each_with_its_workspace() -> None:

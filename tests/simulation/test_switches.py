@@ -136,11 +136,10 @@ def test_a_pole_of_a_law_is_no_break_to_step_over(law: str) -> None:
 
 def test_a_switch_counts_at_any_time_of_the_clock() -> None:
     """What is kept away from a break is a share of the time, and is gone over all the same."""
-    ends = [
-        vlmb.simulate(slide(f"where(t < {t0 + 0.5!r}, 2, -3)", 9.0), 1.0, t0=t0, rtol=1e-10, atol=1e-12)["xi1_1"][-1]
-        for t0 in (0.0, 1e3, 1e6)
-    ]
-    assert ends == pytest.approx([1.0 + 9.0 + 0.25 + 0.5 - 0.375] * 3, abs=1e-9)
+    for t0 in (0.0, 1e3, 1e6):
+        run = vlmb.simulate(slide(f"where(t < {t0 + 0.5!r}, 2, -3)", 9.0), 1.0, t0=t0, rtol=1e-10, atol=1e-12)
+        rounding = 10.0 * math.ulp(t0 + 1.0)  # [m] at some 10 m/s
+        assert run["xi1_1"][-1] == pytest.approx(1.0 + 9.0 + 0.25 + 0.5 - 0.375, abs=1e-9 + 4.0 * rounding)
 
 
 @pytest.mark.parametrize("law", ["1 - 2*sign(xi1_1_dot)", "-2*sign(xi1_1_dot)", "where(xi1_1 < 1.2, 5, -7)"])

@@ -215,7 +215,7 @@ class Settling(Resting):
             return None
         mode = {point.name: point.shown(at) for point, at in zip(self.points, after, strict=True)}
         changed = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if told_state(one) != told_state(other)]
-        first = strikes[0] if hit is None else hit.which
+        first = hit.which if hit is not None and not strikes else strikes[0]  # of several at once the first of the scene
         kind = TOUCHES if strikes else OPENS if hit is None else hit.name
         if strikes and all(after[k].state == OPEN for k in strikes):
             kind = BOUNCES

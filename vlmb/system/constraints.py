@@ -98,6 +98,7 @@ class ConstraintSet:
         self.texts = tuple(info.text for info in self.info)
         self.count, self.pushed, self.nv = len(self.info), len(pushed), mechanism.layout.nv
         self.holonomic = np.array([info.holonomic for info in self.info], dtype=bool)
+        self._mechanism, self._written = mechanism, dict[int, ConstraintSet]()
 
     def evaluate(
         self, frames: LinkFrames, t: float, q: Array, v: Array, branch: Sequence[float] | Array,
@@ -129,6 +130,14 @@ class ConstraintSet:
             rows_of_joints(self.readings.integers, buffers, time, *here, known, self.pushed, out, matrix)
             found[:, i] = out[:2, :count]
         return found
+
+    def as_written(self, k: int) -> ConstraintSet:
+        """Return row k, which is taken in its regular form, as it is written; compiled when it is first asked for."""
+        if k not in self._written:
+            row = self.info[k].regular
+            assert row is not None
+            self._written[k] = ConstraintSet(self._mechanism, [(row.equation.text, row.equation.left.key, False)])
+        return self._written[k]
 
     def breaks(self, start: float, end: float) -> tuple[float, ...]:
         """Return the times in (start, end) where an equation switches in time. Raises SceneError for too many."""

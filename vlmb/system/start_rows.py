@@ -75,7 +75,7 @@ def meet_positions(
     unset = [name for name in names if name not in {*given, *still}]
     search = Search(mechanism, dict(coordinates))
     start = dict(coordinates)
-    turn_azimuths(mechanism, given, start, sets)
+    turn_azimuths(given, start, sets)
     search.given.update({name: start[name] for name in shared_azimuths(sets) - given.keys()})
     try:
         search.residual(sets, start)
@@ -93,7 +93,7 @@ def meet_positions(
             lacking = np.abs([search.residual(ideal, start), search.solve(ideal, names, start, 1)[1]])
             raise _no_posture(ideal, lacking.max(axis=0))  # where a whole search ends, at a pole, what is left may look small
     posture, leaned = found or (start, [])
-    require_azimuths(mechanism, posture, ideal)
+    require_azimuths(posture, ideal)
     coordinates.update(posture)
     moved = [name for name in names if abs(coordinates[name] - search.given[name]) > HELD]
     adjustments = []
