@@ -39,7 +39,7 @@ def doubts_of(
     inputs (N, S): recorded forces from outside; energies (N,) by name; turns [s]: where the run began anew
     """
     run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
-    found = [*of_energy(energies, run), *of_steps(system.mechanism.scene, run, motion.t)]
+    found = [*of_energy(energies, run), *of_steps(system.mechanism.scene, run, motion.t), *of_poles(system, motion)]
     seen = inputs.shape[1] or any(law.names - own for law in system.forces.written)  # laws of time are looked through before
     if seen and not system.points:  # forces of contacts jump
         names = system.forces.inputs or ()
@@ -48,6 +48,24 @@ def doubts_of(
         found += passed_between(system, motion, energies["kinetic"], share_allowed(run), turns)
     held = held_along(system, motion)
     return (*found, *(of_rows(held, largest(motion.coordinates[1]), run) if held else ()))
+
+
+def of_poles(system: System, motion: Motion) -> list[str]:
+    """Say where a link passed the vertical while an equation that is not taken in its regular form names its azimuth."""
+    found, mechanism = [], system.mechanism
+    for row in system.constraints.info if system.constraints else ():
+        for name in sorted(row.names if row.unbounded else ()):
+            if name not in mechanism.layout.names or not name.startswith("phi") or name == "phi0":
+                continue
+            side = np.cos(motion.coordinates[0][:, mechanism.layout.names.index(name.replace("phi", "psi"))])
+            passed = np.flatnonzero(side[1:] * side[:-1] < 0.0)
+            if len(passed):
+                found.append(
+                    f"near t = {motion.t[passed[0] + 1]:.6g} s a link passed the vertical, where {name} of {row.text!r} has no "
+                    "value, and what holds it no bound; write the equation with the link's direction.x and .y, and use a hinge "
+                    "torque T_<link>"
+                )
+    return found
 
 
 def share_allowed(run: Run) -> float:
