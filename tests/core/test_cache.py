@@ -73,6 +73,20 @@ def test_what_is_kept_waits_for_nobody_and_the_rest_says_so(script: Path, tmp_pa
     assert waits.communicate(timeout=60.0) == ("0\n", "")
 
 
+NEGATIVE = """
+import numpy as np
+from vlmb.core.jit import kernel
+
+@kernel
+def entry(x, i):
+    return x[i]
+
+assert entry(np.arange(3.0), 2) == 2.0
+try:
+    entry(np.arange(3.0), -1)
+except IndexError:
+    print("found")
+"""
 BEYOND = """import sys
 from script import kernel, twice
 assert "numba.cpython.setobj" not in sys.modules
@@ -103,6 +117,13 @@ def test_other_modes_keep_nothing(script: Path, tmp_path: Path, mode: str) -> No
     assert process.communicate() == ("", "")
     assert process.returncode == 0
     assert not (tmp_path / "home").exists()
+
+
+def test_an_index_below_0_is_found_by_the_mode_with_checks(tmp_path: Path) -> None:
+    path = tmp_path / "script.py"
+    path.write_text(NEGATIVE, encoding="utf-8")
+    process = start(path, tmp_path / "home", VLMB_JIT="bounds")
+    assert process.communicate() == ("found\n", "")
 
 
 def test_settings_of_numba_are_left_alone() -> None:
