@@ -95,7 +95,9 @@ def many(count: int, tree: Tree, y: Array, given: Array, force: Array, dy: Array
 def many_responses(count: int, tree: Tree, force: Array, scratch: Scratch, lanes: Lanes) -> None:
     """Respond over and over, to four loads at a time."""
     for _ in range(count):
-        lanes.moved[:] = force
+        for j in range(force.shape[0]):
+            for lane in range(LANES):
+                lanes.moved[j, lane] = force[j, lane]
         respond(tree, scratch, lanes)
 
 
@@ -203,7 +205,7 @@ def report(data: dict[str, Any]) -> list[str]:
         f"direction and length accelerations over {STATES} postures in motion, beside mass points in numbers of "
         f"{np.finfo(LONG).nmant + 1} bits (double: 53).",
         table(header, [row for base in BASES for row in rows(data, base)]),
-        "*Core* is the compiled recursion over links in a compiled loop; its *response* is what further forces add, with the "
+        "*Core* is the compiled recursion over links in a compiled loop; its *response* is what four further loads add, with the "
         "factors at hand. The *Pinocchio engine* forms one dense mass matrix, as every form of constraint asks for; its time is "
         "that of a call from Python. *Bare calls*: `crba` and `nonLinearEffects`.",
         "![time and error over the number of links](evaluation.png)",
