@@ -63,6 +63,9 @@ def test_a_programme_that_holds_an_azimuth_ends_at_the_vertical_or_says_that_it_
     held = {"constraints": ["phi1 = 0.3*t"], "controls": ["M_phi1"], "frequency": 5.0}
     found = vlmb.simulate(scene([], {"psi1": 0.2, "psi1_dot": 8.0}, programme=held), 1.0, method=method, **TIGHT)
     assert "vertical" in " ".join(found.doubts) if found.status == "finished" else "at the pole" in found.message
+    other = {**held, "constraints": ["a.azimuth = 0.3*t"]}
+    again = vlmb.simulate(scene([], {"psi1": 0.2, "psi1_dot": 8.0}, programme=other), 1.0, method=method, **TIGHT)
+    assert (again.status, len(again.doubts)) == (found.status, len(found.doubts))
     low = vlmb.simulate(scene([], {"psi1": -0.5, "psi1_dot": 1.0}, programme=held), 0.2, method=method, **TIGHT)
     assert low.status == "finished" and not low.doubts
 

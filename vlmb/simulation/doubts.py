@@ -52,12 +52,13 @@ def doubts_of(
 
 def of_poles(system: System, motion: Motion) -> list[str]:
     """Say where a link passed the vertical while an equation that is not taken in its regular form names its azimuth."""
-    found, mechanism = [], system.mechanism
+    found, names, layout = [], system.mechanism.names, system.mechanism.layout
     for row in system.constraints.info if system.constraints else ():
-        for name in sorted(row.names if row.unbounded else ()):
-            if name not in mechanism.layout.names or not name.startswith("phi") or name == "phi0":
+        read = {names.find(name).name for name in row.names if name in names} if row.unbounded else set()
+        for name in sorted(read & set(layout.names)):
+            if not name.startswith("phi") or name == "phi0":
                 continue
-            side = np.cos(motion.coordinates[0][:, mechanism.layout.names.index(name.replace("phi", "psi"))])
+            side = np.cos(motion.coordinates[0][:, layout.index[name] + 1])
             passed = np.flatnonzero(side[1:] * side[:-1] < 0.0)
             if len(passed):
                 found.append(
