@@ -43,6 +43,7 @@ from vlmb.core.row_arrays import (
 from vlmb.core.rows import OF_FORCES, write_residual
 from vlmb.core.scalars import finite, sqrt
 from vlmb.core.scratch import Scratch
+from vlmb.core.seldom import seldom
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Tree
 
@@ -75,10 +76,12 @@ def constrain(
     if code != 0:
         return code
     if rows.table[0, BEHIND] > 0:
+        seldom()
         code = check_behind(rows, sizes, tape, buffers)
         if code != 0:
             return code
     if sizes.sliding > 0:
+        seldom()
         write_pushes(rows, sizes, space, memory, tape, buffers, quantities, tree, y, given, reference, measured)
     write_wanted(rows, sizes, space, tape, buffers, tree, y)
     write_moved(sizes, space, memory.lanes, tree, dy, scratch)
@@ -89,6 +92,7 @@ def constrain(
     if sizes.beyond > 0:
         write_matrix(sizes, space)
         if rows.table[0, VARYING] > 0:
+            seldom()
             add_forces_named(rows, sizes, space, tape, buffers)
         if not solve_programme(rows, sizes, space, memory, tape, buffers):
             return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
@@ -98,6 +102,7 @@ def constrain(
         for j in range(tree.shape[of.VELOCITIES]):
             dy[first + j] += space.shares[k] * space.answers[k, j]
     if tree.shape[of.BASE_KIND] == of.PLANTED:
+        seldom()
         write_ground(sizes, space, tree, scratch)
     return 0
 
@@ -157,6 +162,7 @@ def write_lines(
         if k < count:
             total += space.residual[k, 0] + space.residual[k, 1] + space.residual[k, 2]
         if not (sound and finite(total)):
+            seldom()
             if k < count:
                 failing |= bit(held + k)
             else:
@@ -192,6 +198,7 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
         for j in range(0 if coupled else k, count if coupled else k + 1):
             wanted[held + k] += rows.gains[k, j] * space.residual[j, 0] + rows.gains[k, count + j] * space.residual[j, 1]
     for k in range(rows.table[0, VARYING]):
+        seldom()
         entry = rows.table[1 + count + sizes.controls + k]
         if entry[OF_ROW] >= 0:
             gain = buffers.slots[tape.root[entry[ROOT]], 0]
@@ -214,6 +221,7 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     copy(square, e, e, space.first)
     space.state[WORTH] = 1.0
     if sizes.sliding > 0:
+        seldom()
         copy(solved, e, s + 1, space.second)
         if solve_square(space.first, e, solved, s + 1, REPEATED):
             return 0
@@ -224,6 +232,7 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
             space.state[WORTH] = min(space.state[WORTH], space.first[i, i] / sqrt(max(square[i, i], space.largest[i])))
         solve_cholesky(space.first, e, solved, s + 1)
         return 0
+    seldom()
     return solve_repeating(sizes, space)
 
 
@@ -236,6 +245,7 @@ def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
         for j in range(space.lines.shape[1]):
             size += space.lines[i, j] * space.lines[i, j]
         if abs(space.square[i, i]) <= EMPTY * size:  # friction may make it negative
+            seldom()
             bits |= bit(i)
             asked = max(asked, abs(space.solved[i, s]))
             for j in range(e):

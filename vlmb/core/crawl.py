@@ -84,7 +84,7 @@ def judge_noise(driver: Driver) -> int:
     change = driver.slope
     for j in range(change.shape[0]):
         change[j] -= driver.rows[F, j]
-    noise = real[PACE] * scaled_norm(change, driver.rows[Y], real[RTOL], real[ATOL])
+    noise = real[PACE] * scaled_norm(driver, change)
     loud = count[FAILURE] == 0 and noise > LOUD + STIFF * LAST_DIGIT / real[RTOL]
     count[FAILURE] = 0
     real[NOISE] = FADING * real[NOISE] + (1.0 if loud else 0.0)

@@ -36,10 +36,12 @@ from vlmb.core.driver import (
 )
 from vlmb.core.first_step import is_finite
 from vlmb.core.jit import inner, kernel
+from vlmb.core.lanes import LANES, by_fours
 
 NEW_STATE, EXTRA = 12, 13  # the stage that is the new state, the first of those for the dense output alone
 WIDTH = 4  # slopes added in one pass over the state
 POWERS = OWN + 14  # rows of the seven coefficients of the dense output
+TRIAL = POWERS  # where states of stages are summed up before
 SAFETY, SHRINK, GROW, EXPONENT = 0.85, 0.2, 10.0, -1.0 / 8.0
 # After an accepted step the next goes half the way to what the error asks for, in exponents: errors swing with the springs, and a
 # step that follows them is refused every third time. On chains and skiers that saves 15 to 25 % of the time to an error.
@@ -70,22 +72,25 @@ FIFTH, THIRD, HIGH_POWERS = len(STAGES), len(STAGES) + 1, len(STAGES) + 2  # fur
 
 
 @inner
-def add_slopes(rows: Array, combination: int, scale: float, total: Array) -> None:
-    """total += scale sum_s weight_s k_s."""
+def add_slopes(rows: Array, combination: int, scale: float, total: int) -> None:
+    """Add scale sum_s weight_s k_s to a row."""
+    states = by_fours(rows)
     for block in range(FIRST[combination], FIRST[combination + 1]):
         i, j, k, l = ROWS[block, 0], ROWS[block, 1], ROWS[block, 2], ROWS[block, 3]  # noqa: E741
         a, b, c, d = scale * WEIGHTS[block, 0], scale * WEIGHTS[block, 1], scale * WEIGHTS[block, 2], scale * WEIGHTS[block, 3]
-        for m in range(total.shape[0]):
-            total[m] += (a * rows[i, m] + b * rows[j, m]) + (c * rows[k, m] + d * rows[l, m])
+        for m in range(rows.shape[1] // LANES):
+            states[total, m] += (a * states[i, m] + b * states[j, m]) + (c * states[k, m] + d * states[l, m])
 
 
 @inner
 def _ask(driver: Driver, stage: int) -> int:
     """Ask for the slope of a stage: f(t + c h, y + h sum a k)."""
     real, rows, point = driver.real, driver.rows, driver.point
+    for m in range(rows.shape[1]):
+        rows[TRIAL, m] = rows[Y, m]
+    add_slopes(rows, stage, real[H], TRIAL)
     for m in range(point.shape[0]):
-        point[m] = rows[Y, m]
-    add_slopes(rows, stage, real[H], point)
+        point[m] = rows[TRIAL, m]
     driver.counts[STAGE] = stage
     at_end = stage == NEW_STATE or stage == NEW_STATE - 1
     real[TIME] = real[T_NEW] if at_end else min(real[TIME_BEFORE] + NODE[stage] * real[H], real[T_NEW])
@@ -144,8 +149,8 @@ def _error(driver: Driver) -> float:
     fifth, third = rows[POWERS], rows[POWERS + 1]
     fifth[:] = 0.0
     third[:] = 0.0
-    add_slopes(rows, FIFTH, 1.0, fifth)
-    add_slopes(rows, THIRD, 1.0, third)
+    add_slopes(rows, FIFTH, 1.0, POWERS)
+    add_slopes(rows, THIRD, 1.0, POWERS + 1)
     e5, e3 = 0.0, 0.0
     for m in range(n):
         weight = 1.0 / (driver.real[ATOL] + driver.real[RTOL] * max(abs(rows[Y, m]), abs(rows[Y_NEW, m])))
@@ -174,9 +179,8 @@ def _make_powers(driver: Driver) -> None:
         rows[POWERS + 1, m] = h * rows[F, m] - rise
         rows[POWERS + 2, m] = 2.0 * rise - h * (rows[F_NEW, m] + rows[F, m])
     for power in range(4):
-        row = rows[POWERS + 3 + power]
-        row[:] = 0.0
-        add_slopes(rows, HIGH_POWERS + power, h, row)
+        rows[POWERS + 3 + power][:] = 0.0
+        add_slopes(rows, HIGH_POWERS + power, h, POWERS + 3 + power)
 
 
 @inner

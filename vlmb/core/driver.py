@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.jit import kernel
+from vlmb.core.lanes import LANES
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -76,7 +77,7 @@ class Driver(NamedTuple):
 
     counts: Integers  # (32 + 2 n,)
     real: Array  # (26,)
-    rows: Array  # (rows of the method, n)
+    rows: Array  # (rows of the method, n); of dop853 with zeros up to a multiple of LANES
     table: Array  # (12, 16) coefficients that change from step to step
     point: Array  # (n,) y of a request
     slope: Array  # (n,) f of its answer
@@ -108,12 +109,13 @@ def make_driver(
     """
     kind = METHODS[method]
     own_rows = (0, 3, 5, 21, 36, 4 * size + 15)[kind]
+    width = -(-size // LANES) * LANES if kind == DOP853 else size
     wanted = np.zeros(0) if times is None else np.ascontiguousarray(times, dtype=float)
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
     driver = Driver(
         counts=np.zeros(PIVOTS + 2 * size, dtype=np.int64),
         real=np.zeros(26),
-        rows=np.zeros((OWN + own_rows, size)),
+        rows=np.zeros((OWN + own_rows, width)),
         table=np.zeros((12, TABLE_WIDTH)),
         point=np.zeros(size),
         slope=np.zeros(size),

@@ -20,20 +20,20 @@ def is_finite(values: Array) -> bool:
 
 
 @inner
-def scaled_norm(values: Array, y: Array, rtol: float, atol: float) -> float:
-    """Root mean square of values over atol + rtol |y|."""
-    total = 0.0
-    for j in range(values.shape[0]):
+def scaled_norm(driver: Driver, values: Array) -> float:
+    """Root mean square of values over atol + rtol |y|, y at the start of the step."""
+    y, count, rtol, atol, total = driver.rows[Y], driver.point.shape[0], driver.real[RTOL], driver.real[ATOL], 0.0
+    for j in range(count):
         total += (values[j] / (atol + rtol * abs(y[j]))) ** 2
-    return math.sqrt(total / max(1, values.shape[0]))
+    return math.sqrt(total / max(1, count))
 
 
 @inner
 def ask_probe(driver: Driver) -> None:
     """Ask for f at the end of an Euler step so short that it changes y by a hundredth."""
     real, rows = driver.real, driver.rows
-    size = scaled_norm(rows[Y], rows[Y], real[RTOL], real[ATOL])
-    slope = scaled_norm(rows[F], rows[Y], real[RTOL], real[ATOL])
+    size = scaled_norm(driver, rows[Y])
+    slope = scaled_norm(driver, rows[F])
     h = TINY if size < 1e-5 or slope < 1e-5 else SHARE * size / slope
     real[H] = min(h, real[H_MAX], real[END] - real[TIME_BEFORE])
     for j in range(driver.point.shape[0]):
@@ -48,10 +48,10 @@ def step_from_probe(driver: Driver) -> float:
     if driver.counts[FAILURE] or not is_finite(change):
         return SHARE * real[H]
     order = ORDERS[driver.counts[METHOD]]
-    slope = scaled_norm(rows[F], rows[Y], real[RTOL], real[ATOL])
+    slope = scaled_norm(driver, rows[F])
     for j in range(change.shape[0]):
         change[j] -= rows[F, j]
-    bend = scaled_norm(change, rows[Y], real[RTOL], real[ATOL]) / real[H]
+    bend = scaled_norm(driver, change) / real[H]
     largest = max(slope, bend)
     h = max(TINY, 1e-3 * real[H]) if largest <= 1e-15 else (SHARE / largest) ** (1.0 / (order + 1.0))
     return min(100.0 * real[H], h)

@@ -1,7 +1,8 @@
 """Four numbers at once: what a recursion does to one load it does to four in the same time, by the processor's wide registers.
 
 Arrays whose last axis is LANES long are handed over as they are; inside a kernel `wide` makes them arrays of wide numbers, which
-the functions of the recursion add and multiply as they would numbers. For Python they are arrays of NumPy, and do so, too.
+the functions of the recursion add and multiply as they would numbers. `by_fours` does so with the rows of a table, for sums of
+rows. For Python they are arrays of NumPy, and do so, too.
 """
 
 from __future__ import annotations
@@ -20,6 +21,11 @@ LANES = 4
 def wide(array: Array) -> Array:
     """Return an array (..., LANES) as one of wide numbers, with one axis less."""
     return array
+
+
+def by_fours(table: Array) -> Array:
+    """Return a table (rows, LANES k) as one (rows, k) of wide numbers."""
+    return table.reshape(len(table), -1, LANES)
 
 
 def side_by_side(one: float, two: float, three: float, four: float) -> Any:
@@ -80,6 +86,24 @@ def _declare() -> None:
     def wide_array(array: Any) -> Any:
         if isinstance(array, types.Array) and array.ndim in (2, 3) and array.layout == "C":
             return lambda array: widened(array)
+        return None
+
+    @intrinsic
+    def folded(typing: Any, table: Any) -> Any:
+        kind = WideArray(2)
+
+        def make(context: Any, builder: Any, call: Any, values: Any) -> Any:
+            given = context.make_array(call.args[0])(context, builder, values[0])
+            found, width = cgutils.create_struct_proxy(kind)(context, builder), builder.extract_value(given.shape, 1)
+            found.data, found.width = given.data, builder.udiv(width, ir.Constant(width.type, LANES))
+            return found._getvalue()
+
+        return kind(table), make
+
+    @overload(by_fours, strict=False)
+    def folded_table(table: Any) -> Any:
+        if isinstance(table, types.Array) and table.ndim == 2 and table.layout == "C":
+            return lambda table: folded(table)
         return None
 
     def place(context: Any, builder: Any, kind: Any, array: Any, axes: Any, index: Any) -> Any:

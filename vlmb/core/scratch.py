@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vlmb.core.jit import kernel
-from vlmb.core.lanes import LANES
+from vlmb.core.lanes import LANES, by_fours
 from vlmb.core.plain import Applied, Bias, Body, Factors, TipLoad, body_of
 from vlmb.core.rods import RodFactors, RodLoad
 from vlmb.core.tree import INERTIA, LINKS, MASS, ROD_CHILDREN, TIP_MASS, Array, Tree
@@ -37,6 +37,9 @@ WIDTH = 96  # a multiple of a line of the processor's cache
 # Vectors are in the frame of the directions.
 SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE, COSINE, SINE, SPIN, POINT, YAW, EDGE = 0, 6, 9, 12, 13, 14, 15, 16, 17, 20, 21
 AHEAD, GROUND = 22, 24
+
+# Parts of a row, LANES wide, that gather what hangs on a tip, then on a rod; all that the base keeps
+OF_TIP, OF_ROD, OF_BASE = 3, 9, 7
 
 
 class Scratch(NamedTuple):
@@ -75,13 +78,16 @@ def edge_force(scratch: Scratch) -> float:
 @kernel(inline=True)
 def clear(tree: Tree, rows: Array) -> None:
     """Begin with the tip masses, which ask for mu a."""
+    parts = by_fours(rows)
     for i in range(tree.shape[LINKS]):
         mass = tree.real[i, TIP_MASS]
-        rows[i, TIP_INERTIA : TIP_FORCE + 3] = 0.0 * mass
+        for part in range(OF_TIP):
+            parts[i, part] = 0.0 * mass
+        for part in range(OF_TIP, OF_ROD if tree.link[i, ROD_CHILDREN] != 0 else OF_TIP):
+            parts[i, part] = 0.0 * mass
         rows[i, TIP_INERTIA], rows[i, TIP_INERTIA + 3], rows[i, TIP_INERTIA + 5] = mass, mass, mass
-        if tree.link[i, ROD_CHILDREN] != 0:
-            rows[i, ROD_SUMS : ROD_MOMENT + 3] = 0.0 * mass
-    rows[tree.shape[LINKS], :] = 0.0 * tree.base[0]
+    for part in range(OF_BASE):
+        parts[tree.shape[LINKS], part] = 0.0 * tree.base[0]
 
 
 @kernel(inline=True)

@@ -113,11 +113,17 @@ def gradient(tape: Tape, buffers: Buffers, root: int, complete: bool) -> None:
     By leaves of the state alone; `complete`: by time and parameters too.
     """
     adjoint, slopes, leaves = buffers.adjoint, buffers.slopes, tape.parts[op.LEAVES]
-    for slot in range(adjoint.shape[0]):
-        adjoint[slot] = 0.0
+    first, last = tape.sweep_ends[root, 0], tape.sweep_ends[root, 2] if complete else tape.sweep_ends[root, 1]
+    if complete:
+        for slot in range(adjoint.shape[0]):
+            adjoint[slot] = 0.0
+    else:  # what is added elsewhere nobody reads
+        for j in range(first, last):
+            adjoint[leaves + tape.sweep[j]] = 0.0
+        for j in range(tape.entering_ends[root, 0], tape.entering_ends[root, 1]):
+            adjoint[tape.entering[j]] = 0.0
     adjoint[tape.root[root]] = 1.0
-    last = tape.sweep_ends[root, 2] if complete else tape.sweep_ends[root, 1]
-    for j in range(tape.sweep_ends[root, 0], last):
+    for j in range(first, last):
         k = tape.sweep[j]
         weight = adjoint[leaves + k]
         if weight == 0.0:  # where op.SELECT passed by, slopes may be nan

@@ -291,7 +291,7 @@ class Loop:
         """Begin a step anew with a shorter one: friction knew no direction in the part after the turn."""
         driver = self.driver
         self.again, wanted = False, float(driver.real[FIRST_STEP_SIZE])
-        driver.point[:], driver.real[FIRST_STEP_SIZE] = driver.rows[Y], SHORTER * driver.real[H]
+        driver.point[:], driver.real[FIRST_STEP_SIZE] = driver.rows[Y, : self.engine.size], SHORTER * driver.real[H]
         driver.counts[STEPS] -= 1
         begin(driver, float(driver.real[TIME_BEFORE]), until)
         driver.real[FIRST_STEP_SIZE] = wanted
@@ -393,7 +393,7 @@ class Loop:
     def _go_back(self) -> None:
         """Take the last accepted state as the one reached, where a run is left in the middle of a step."""
         if self.driver.counts[PHASE] not in (AT_START, OVER):
-            self.driver.point[:] = self.driver.rows[Y]
+            self.driver.point[:] = self.driver.rows[Y, : self.engine.size]
             self._note_time()
         if self.kept < len(self.driver.times):
             self.t = min(self.t, self.told)

@@ -95,7 +95,7 @@ def _slope(engine: Engine, driver: Driver, k: int, t: float, step: float) -> flo
 def _stepped(engine: Engine, driver: Driver, t: float, end: float) -> Array:
     """Return the state at `end` by steps from the start of the last one. Raises VlmbError where they do not come there."""
     single = make_driver("dop853", len(driver.point), rtol=float(driver.real[RTOL]), atol=float(driver.real[ATOL]))
-    single.point[:] = driver.rows[Y]
+    single.point[:] = driver.rows[Y, : len(single.point)]
     single.real[FIRST_STEP_SIZE] = end - t
     if driver.counts[METHOD] == METHODS["radau"]:
         single.counts[SLICE_SIZE] = FEW
