@@ -25,6 +25,21 @@ def test_dop853_steps_as_scipy_where_no_step_is_chosen():
     np.testing.assert_allclose(run.samples, scipy.y.T, rtol=0.0, atol=1e-12)  # the dense output is its, too
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 8, 11])
+def test_dop853_of_any_number_of_states(n):
+    def turning(t, y):
+        return np.cos(t) * np.roll(y, 1) - np.arange(1.0, n + 1.0) * y
+
+    start, times = np.linspace(1.0, 2.0, n), np.linspace(0.0, 2.0, 41)
+    run = drive(turning, 0.0, start, 2.0, times=times, rtol=1e-9, atol=1e-9)
+    scipy = solve_ivp(turning, (0.0, 2.0), start, "DOP853", t_eval=times, rtol=1e-12, atol=1e-12)
+    assert run.code == DONE and run.samples.shape == (41, n)
+    np.testing.assert_allclose(run.samples, scipy.y.T, rtol=0.0, atol=2e-8)
+    steps = drive(turning, 0.0, start, 2.0, rtol=1e-3, atol=1e-3, h_max=0.1, step=0.1)
+    theirs = solve_ivp(turning, (0.0, 2.0), start, "DOP853", rtol=1e-3, atol=1e-3, max_step=0.1, first_step=0.1)
+    np.testing.assert_allclose(steps.y, theirs.y[:, -1], rtol=0.0, atol=1e-14)
+
+
 @pytest.mark.parametrize("h", [0.02, 0.1, 0.3])
 def test_dop853_estimates_the_error_of_scipy(h):
     solver = DOP853(kepler, 0.0, EXACT[0], h, first_step=h, rtol=1e-3, atol=1e-3)

@@ -8,7 +8,6 @@ f changes by then is nothing beside the tolerance. Neither stiffness nor a long 
 from __future__ import annotations
 
 from vlmb.core.driver import (
-    ATOL,
     END,
     EVALUATE,
     FAILURE,
