@@ -19,7 +19,6 @@ from __future__ import annotations
 from vlmb.core import scratch as c
 from vlmb.core.jit import cos, kernel, reciprocal, sin
 from vlmb.core.segments import yaw_of
-from vlmb.core.seldom import seldom
 from vlmb.core.tree import (
     ANCHOR,
     BASE_INERTIA,
@@ -175,7 +174,6 @@ def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows:
     n = tree.shape[LINKS]
     kind = tree.shape[BASE_KIND]
     if kind == LIFTED:
-        seldom()
         return move_lifted(tree, bias, force, out, at, rows, loads)
     if kind >= SKI:
         return move_ski(tree, bias, force, out, at, rows, loads)
@@ -184,7 +182,6 @@ def move_base(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows:
         return 0
     mass, sums, asked = tree.base[BASE_MASS], row_sym3(rows, n, c.SUM), row_vector(loads, n, c.FORCE)
     if kind == PLANTED:
-        seldom()
         zero = 0.0 * mass
         put_row(loads, n, c.POINT, bias)
         put_row(loads, n, c.GROUND, add_scaled(add_scaled(add(times(sums, bias), asked), mass, bias), -1.0, vector(force, 0)))

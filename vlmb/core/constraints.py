@@ -16,10 +16,10 @@ from vlmb.core.jit import inner, kernel
 from vlmb.core.lanes import LANES
 from vlmb.core.links import respond
 from vlmb.core.opcodes import Buffers, Tape
-from vlmb.core.places import heading
+from vlmb.core.places import heading_met
 from vlmb.core.programme import UNMET, copy, solve_programme
 from vlmb.core.quantities import Quantities, add_row_here
-from vlmb.core.responses import write_ground, write_moved
+from vlmb.core.responses import pushed_by, write_ground, write_moved
 from vlmb.core.row_arrays import (
     ALONG,
     BEHIND,
@@ -43,7 +43,6 @@ from vlmb.core.row_arrays import (
 from vlmb.core.rows import OF_FORCES, write_residual
 from vlmb.core.scalars import finite, sqrt
 from vlmb.core.scratch import Scratch
-from vlmb.core.seldom import seldom
 from vlmb.core.tape import gradient
 from vlmb.core.tree import Array, Tree
 
@@ -72,16 +71,14 @@ def constrain(
     """
     sizes = sizes_of(rows)
     space = view(sizes, memory)
-    code = write_lines(rows, sizes, space, tape, buffers, quantities, tree, y, given, reference, memory.lines)
+    code = write_lines(rows, sizes, space, tape, buffers, quantities, tree, y, given, reference, scratch, memory.lines)
     if code != 0:
         return code
     if rows.table[0, BEHIND] > 0:
-        seldom()
         code = check_behind(rows, sizes, tape, buffers)
         if code != 0:
             return code
     if sizes.sliding > 0:
-        seldom()
         write_pushes(rows, sizes, space, memory, tape, buffers, quantities, tree, y, given, reference, measured)
     write_wanted(rows, sizes, space, tape, buffers, tree, y)
     write_moved(sizes, space, memory.lanes, tree, dy, scratch)
@@ -92,7 +89,6 @@ def constrain(
     if sizes.beyond > 0:
         write_matrix(sizes, space)
         if rows.table[0, VARYING] > 0:
-            seldom()
             add_forces_named(rows, sizes, space, tape, buffers)
         if not solve_programme(rows, sizes, space, memory, tape, buffers):
             return OUT_OF_REACH * KIND + named(space.errors[sizes.ideal :], sizes.servo)
@@ -102,7 +98,6 @@ def constrain(
         for j in range(tree.shape[of.VELOCITIES]):
             dy[first + j] += space.shares[k] * space.answers[k, j]
     if tree.shape[of.BASE_KIND] == of.PLANTED:
-        seldom()
         write_ground(sizes, space, tree, scratch)
     return 0
 
@@ -128,14 +123,14 @@ def named(errors: Array, count: int) -> int:
 @kernel(copied=True)
 def write_lines(
     rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Buffers, quantities: Quantities, tree: Tree, y: Array,
-    given: Array, reference: Array, lines: Array,
+    given: Array, reference: Array, scratch: Scratch, lines: Array,
 ) -> int:  # fmt: skip
     """Write residuals and rows, and below them what the controls push on, all into `lines`; return a code.
 
     A row is the sum of its derivatives by leaves times their rows; a control has one quantity, and its scale.
     """
     first, held, count, last = rows.table[0, FIRST], sizes.held, sizes.ideal - sizes.held + sizes.beyond, rows.gains.shape[0] - 1
-    failing, astray, h = 0, 0, heading(tree, y)
+    failing, astray, h = 0, 0, heading_met(tree, scratch.rows)
     if held:
         for j in range(lines.shape[1]):
             lines[0, j] = 1.0 if j == SIDEWAYS else 0.0
@@ -162,7 +157,6 @@ def write_lines(
         if k < count:
             total += space.residual[k, 0] + space.residual[k, 1] + space.residual[k, 2]
         if not (sound and finite(total)):
-            seldom()
             if k < count:
                 failing |= bit(held + k)
             else:
@@ -198,7 +192,6 @@ def write_wanted(rows: Rows, sizes: Sizes, space: Space, tape: Tape, buffers: Bu
         for j in range(0 if coupled else k, count if coupled else k + 1):
             wanted[held + k] += rows.gains[k, j] * space.residual[j, 0] + rows.gains[k, count + j] * space.residual[j, 1]
     for k in range(rows.table[0, VARYING]):
-        seldom()
         entry = rows.table[1 + count + sizes.controls + k]
         if entry[OF_ROW] >= 0:
             gain = buffers.slots[tape.root[entry[ROOT]], 0]
@@ -221,7 +214,6 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
     copy(square, e, e, space.first)
     space.state[WORTH] = 1.0
     if sizes.sliding > 0:
-        seldom()
         copy(solved, e, s + 1, space.second)
         if solve_square(space.first, e, solved, s + 1, REPEATED):
             return 0
@@ -232,7 +224,6 @@ def eliminate_ideal(sizes: Sizes, space: Space) -> int:
             space.state[WORTH] = min(space.state[WORTH], space.first[i, i] / sqrt(max(square[i, i], space.largest[i])))
         solve_cholesky(space.first, e, solved, s + 1)
         return 0
-    seldom()
     return solve_repeating(sizes, space)
 
 
@@ -245,7 +236,6 @@ def clear_empty(sizes: Sizes, space: Space) -> tuple[int, float]:
         for j in range(space.lines.shape[1]):
             size += space.lines[i, j] * space.lines[i, j]
         if abs(space.square[i, i]) <= EMPTY * size:  # friction may make it negative
-            seldom()
             bits |= bit(i)
             asked = max(asked, abs(space.solved[i, s]))
             for j in range(e):
@@ -342,9 +332,9 @@ def add_forces(rows: Rows, memory: RowMemory, force: Array) -> None:
     sizes = sizes_of(rows)
     space = view(sizes, memory)
     for k in range(sizes.controls + sizes.ideal):
-        line = space.columns[k] if k < sizes.controls else space.pushes[k - sizes.controls]
-        for j in range(line.shape[0]):
-            force[j] += space.shares[k] * line[j]
+        pushed = pushed_by(sizes, space, k)
+        for j in range(pushed.shape[0]):
+            force[j] += space.shares[k] * pushed[j]
 
 
 @kernel

@@ -71,8 +71,9 @@ def eliminate(a: Array, n: int, x: Array) -> float:
             return 0.0
         if a[i, i] < 0.0:
             sign = -sign
+        inverse = 1.0 / a[i, i]
         for row in range(i + 1, n):
-            share = a[row, i] / a[i, i]
+            share = inverse * a[row, i]
             x[row] -= share * x[i]
             for column in range(i + 1, n):
                 a[row, column] -= share * a[i, column]

@@ -39,7 +39,6 @@ from vlmb.core.row_arrays import WORK as WORK_OF_ROW
 from vlmb.core.row_forces import add_row_powers, push_on, rate_alone, write_apart, write_still
 from vlmb.core.scalars import finite
 from vlmb.core.scratch import AXIAL
-from vlmb.core.seldom import seldom
 from vlmb.core.sliding import (
     ANSWERS,
     CARVES,
@@ -68,7 +67,6 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     """
     held = plant.rows.table.shape[0] > 0
     if held and plant.rows.table[0, PROJECTED] != 0:
-        seldom()
         code = onto_edge(plant, memory, t, y, dy)
         if code != 0:
             return FROM_LINKS * SOURCES + code
@@ -79,7 +77,6 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     slides, push = plant.size[CENTRE] >= 0, 0.0
     for answer in range(ANSWERS if slides else 1):
         if slides:
-            seldom()
             lay_friction(memory, answer, push)
         code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
         if code != 0:
@@ -89,10 +86,8 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
             if code != 0:
                 return FROM_ROWS * SOURCES + code
         if slides:
-            seldom()
             push = next_friction(plant, memory, answer, y, dy)
     if plant.size[REACHES] != 0:
-        seldom()
         push_driven(plant, memory, y)
     if plant.size[WORKS] > 0:
         return count_work(plant, memory, y, dy)
@@ -113,7 +108,6 @@ def act(plant: Plant, memory: Memory, t: float, y: Array) -> int:
         root = plant.force[k, ROOT]
         value = memory.buffers.slots[plant.tape.root[root], 0] if root >= 0 else memory.inputs[-1 - root]
         if not finite(value):
-            seldom()
             return FROM_LAW * SOURCES + k
         memory.values[k] = value
         along = plant.force[k, ALONG]
@@ -179,7 +173,6 @@ def meet_rows(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         memory.scratch, memory.measured, dy,
     )  # fmt: skip
     if code == 0 and plant.driven.shape[0] > 0:
-        seldom()
         push_on_driven(plant, memory, y, dy)
     return code
 
@@ -318,7 +311,6 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         dy[work + j] = 0.0
     lost = 0.0
     if plant.size[CENTRE] >= 0:
-        seldom()
         lost -= memory.sliding[FOUND, FRICTION] * y[plant.tree.shape[of.POSITIONS]]
     for k in range(plant.force.shape[0]):
         if memory.values[k] != 0.0 and plant.force[k, WORK] != IN_SPRING:
@@ -339,10 +331,8 @@ def count_work(plant: Plant, memory: Memory, y: Array, dy: Array) -> int:
         space = view(sizes, memory.rows)
         add_row_powers(plant.rows, sizes, space, plant.driven, plant.tree, y, memory.given, work, dy)
         if sizes.sliding > 0:
-            seldom()
             add_friction_powers(plant.rows, sizes, space, memory.rows, work, dy)
     for j in range(controls_of(plant) if plant.size[REACHES] != 0 else 0):
-        seldom()
         state = work_of_control(plant, j)
         for k in range(plant.driven.shape[0]):
             rate = memory.given[plant.driven[k, ROW], plant.driven[k, COLUMN] + 1]

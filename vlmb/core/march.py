@@ -86,7 +86,6 @@ from vlmb.core.indicators import find_suspects, note_step
 from vlmb.core.jit import inner, kernel
 from vlmb.core.radau import next_radau
 from vlmb.core.samples import sample_inside, state_at, write_samples
-from vlmb.core.seldom import seldom
 from vlmb.core.start import go_on_with_start
 
 NEARLY = 0.99  # a step that comes this near to the end goes to the end
@@ -112,18 +111,14 @@ def march_here(driver: Driver) -> int:
         if phase == STAGES:
             method = driver.counts[METHOD]
             if driver.counts[FAILURE]:
-                seldom()
                 code = REFUSED
             elif method == DOP853:
                 code = next_dop853(driver)
             elif method == ADAMS:
-                seldom()
                 code = next_adams(driver)
             elif method == RADAU:
-                seldom()
                 code = next_radau(driver)
             else:
-                seldom()
                 code = next_fixed(driver)
             if code >= ACCEPTED:
                 code = _settle(driver, code)
@@ -134,10 +129,8 @@ def march_here(driver: Driver) -> int:
         elif phase in (SUSPECTED, SAMPLING):
             code = _finish_step(driver)
         elif phase == HEARD:
-            seldom()
             code = judge_noise(driver)
         else:
-            seldom()
             code = go_on_with_start(driver)
     if code < DONE:
         _show_start_of_step(driver)

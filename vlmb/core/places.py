@@ -11,6 +11,7 @@ rate is then u^ + W x d^, and d^'' has 2 W x u^ + W x (W x d^) + phi0'' z x d^ b
 
 from __future__ import annotations
 
+from vlmb.core import scratch
 from vlmb.core import tree as of
 from vlmb.core.jit import inner, kernel
 from vlmb.core.scalars import cos, sin, sqrt
@@ -46,6 +47,13 @@ def yaw_rate(tree: Tree, y: Array) -> float:
 def heading(tree: Tree, y: Array) -> Vector:
     """Return the ski's direction h = (cos phi0, sin phi0, 0); the x axis for another base."""
     return (cos(y[2]), sin(y[2]), 0.0) if steers(tree) else (1.0, 0.0, 0.0)
+
+
+@inner
+def heading_met(tree: Tree, rows: Array) -> Vector:
+    """Return the same of the state in which `accelerate` was last."""
+    n = tree.shape[of.LINKS]
+    return (rows[n, scratch.COSINE], rows[n, scratch.SINE], 0.0) if steers(tree) else (1.0, 0.0, 0.0)
 
 
 @inner

@@ -31,7 +31,6 @@ from vlmb.core.row_arrays import (
     view,
 )
 from vlmb.core.scalars import sqrt
-from vlmb.core.seldom import seldom
 from vlmb.core.tree import Array
 
 RANK = 1e-9  # relative size below which a direction of G counts as uncontrolled
@@ -47,16 +46,13 @@ def solve_programme(rows: Rows, sizes: Sizes, space: Space, memory: RowMemory, t
     """
     varying = rows.table[0, VARYING]
     for k in range(sizes.controls if varying > 0 else 0):
-        seldom()
         ratio = ratio_of(rows, sizes, tape, buffers, k)
         for i in range(sizes.beyond):
             space.matrix[i, k] *= ratio
     met = share_out(sizes, memory)
     if met and rows.table[0, FREE] >= 0:
-        seldom()
         add_free(rows, sizes, memory, tape, buffers)
     for k in range(sizes.controls if varying > 0 else 0):
-        seldom()
         space.shares[k] *= ratio_of(rows, sizes, tape, buffers, k)
     return met
 

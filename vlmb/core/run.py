@@ -72,7 +72,6 @@ from vlmb.core.row_arrays import (
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.scalars import NAN
 from vlmb.core.scratch import GROUND
-from vlmb.core.seldom import seldom
 from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, SLIDES
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
@@ -114,7 +113,6 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
             if code != ACCEPT:
                 indicate(plant, memory, real[TIME], driver.point, driver.slope, driver.indicators)
             if code == INDICATE and plant.rows.contacts.shape[0] > 0:
-                seldom()
                 keep_ways(plant.rows, memory.rows)
         elif code != GO:
             return code
@@ -122,7 +120,6 @@ def run(plant: Plant, memory: Memory, driver: Driver, bounds: Array, h_max: floa
             return code
         code = march_here(driver)
         if memory.branches.shape[0] > 0:
-            seldom()
             keep_branches(memory, answers[NEXT_SAMPLE])
 
 
@@ -301,15 +298,12 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
             out[VALUE, k], out[RATE, k] = memory.measured[which, 1], NAN
         elif form in (STANDS, SLIPS, LIFTS, YIELDS):
-            seldom()
             look_at_ski(plant, memory, form, y, dy, k, out)
         elif form in (HOLDS, GRIPS, STOPS):
             out[VALUE, k], out[RATE, k] = 1.0, NAN
             if plant.rows.contacts.shape[0] > 0:
-                seldom()
                 out[VALUE, k] = look_at_contact(plant, memory, form, which, y)
         elif form == BITES and plant.rows.table.shape[0] > 0:
-            seldom()
             sizes = sizes_of(plant.rows)
             shares, at = view(sizes, memory.rows).shares, sizes.controls
             hold, normal = plant.bound[k, SIDE], int(plant.bound[k, BOUND])
