@@ -94,7 +94,7 @@ def test_least_squares_of_any_rank(rank: int) -> None:
         scaled = [sum(u[i, k] * b[i] for i in range(3)) / s[k] for k in range(rank)]
         return [sum(v[k, j] * scaled[k] for k in range(rank)) for j in range(4)]
 
-    assert agree(solved, np.array([0.3])) < 1e-11
+    assert agree(solved, np.array([0.3])) < 1e-10  # singular values are up to 7e3 apart
 
 
 @pytest.mark.parametrize("name", SHIPPED)
