@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, finite, nearest
+from vlmb.model.frozen import read_only
 from vlmb.model.layout import Layout, State, segment_of
 
 Array = NDArray[np.float64]
 
 POLE = 1e-6  # cos(psi) below which an azimuth is not read, and M_phi not applied
 QUARTER_TURN = 0.25 * math.pi**2  # [rad^2]
+LEVEL = read_only(np.eye(3))  # the surface frame
 AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes of each component of a cross product
 
 
@@ -54,7 +56,7 @@ def kinematics(layout: Layout, q: Array, v: Array) -> Kinematics:
     shape = q.shape[:-1]
     rotations = np.zeros((*shape, len(layout.links), 3, 3))
     omegas = np.zeros((*shape, len(layout.links), 3))
-    base_rotation, base_omega = np.eye(3), np.zeros(3)
+    base_rotation, base_omega = LEVEL, np.zeros(3)
     if layout.base == "ski":
         norm = np.hypot(q[..., 2], q[..., 3])
         base_rotation = _about_z(q[..., 2] / norm, q[..., 3] / norm)
@@ -158,7 +160,7 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
     values = _complete(layout, coordinates)
     speeds = _rates(layout, rates or {})
     q, v = np.zeros(layout.nq), np.zeros(layout.nv)
-    base_rotation, base_omega = np.eye(3), np.zeros(3)
+    base_rotation, base_omega = LEVEL, np.zeros(3)
     if layout.base == "ski":
         cosine, sine = math.cos(values["phi0"]), math.sin(values["phi0"])
         q[:4] = values["x"], values["y"], cosine, sine
@@ -183,10 +185,11 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
             continue
         phi = values[f"phi{i + 1}"]
         cos_phi, sin_phi, cos_psi, sin_psi = math.cos(phi), math.sin(phi), math.cos(psi), math.sin(psi)
-        u_phi = np.array([-sin_phi, cos_phi, 0.0])
-        u_psi = np.array([-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi])
-        frames[i] = np.array([[cos_phi * cos_psi, sin_phi * cos_psi, sin_psi], u_phi, u_psi]).T.copy()
-        omegas[i] = speeds[f"phi{i + 1}"] * cos_psi * u_psi - speeds[f"psi{i + 1}"] * u_phi
+        d = cos_phi * cos_psi, sin_phi * cos_psi, sin_psi
+        u_phi, u_psi = (-sin_phi, cos_phi, 0.0), (-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi)
+        about_psi, about_phi = speeds[f"phi{i + 1}"] * cos_psi, speeds[f"psi{i + 1}"]
+        frames[i] = np.array([*zip(d, u_phi, u_psi, strict=True)])
+        omegas[i] = np.array([about_psi * psi_part - about_phi * phi_part for psi_part, phi_part in zip(u_psi, u_phi, strict=True)])
         q[link.q : link.q + 4] = _to_quaternion(frames[link.parent].T @ frames[i])
         v[link.v : link.v + 3] = frames[i].T @ (omegas[i] - omegas[link.parent])
     for coordinate in layout.coordinates:
@@ -230,26 +233,26 @@ def _about_minus_y(cosine: Array, sine: Array) -> Array:
 
 def _from_quaternion(quaternion: Array) -> Array:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4) in the order x, y, z, w, of any norm."""
-    unit = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
-    x, y, z, w = unit.tolist() if unit.ndim == 1 else (unit[..., at] for at in range(4))  # of one: a tenth of the time
+    one = quaternion.ndim == 1  # a tenth of the time in plain numbers
+    x, y, z, w = quaternion.tolist() if one else (quaternion[..., at] for at in range(4))
+    norm = (math.sqrt if one else np.sqrt)(x * x + y * y + z * z + w * w)
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
         2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
         2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
     ]  # fmt: skip
-    return (np.array(rows) if unit.ndim == 1 else np.stack(rows, axis=-1)).reshape(*quaternion.shape[:-1], 3, 3)
+    return (np.array(rows) if one else np.stack(rows, axis=-1)).reshape(*quaternion.shape[:-1], 3, 3)
 
 
 def _to_quaternion(rotation: Array) -> Array:
     """Quaternion (x, y, z, w) of a rotation matrix, by its largest component."""
-    r = rotation
-    products = np.array(
-        [
-            [1 + r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], 1 - r[0, 0] + r[1, 1] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 - r[0, 0] - r[1, 1] + r[2, 2], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    column = products[:, int(np.argmax(np.diag(products)))]
-    return column / math.sqrt(float(column @ column))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    products = (
+        (1 + xx - yy - zz, xy + yx, xz + zx, zy - yz),
+        (xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx),
+        (xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy),
+        (zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz),
+    )  # symmetric, 4 q q^T
+    x, y, z, w = products[max(range(4), key=lambda k: products[k][k])]
+    return np.array([x, y, z, w]) / math.sqrt((x * x + z * z) + (y * y + w * w))
