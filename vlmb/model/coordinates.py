@@ -189,7 +189,7 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
         u_phi, u_psi = (-sin_phi, cos_phi, 0.0), (-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi)
         about_psi, about_phi = speeds[f"phi{i + 1}"] * cos_psi, speeds[f"psi{i + 1}"]
         frames[i] = np.array([*zip(d, u_phi, u_psi, strict=True)])
-        omegas[i] = np.array([about_psi * psi_part - about_phi * phi_part for psi_part, phi_part in zip(u_psi, u_phi, strict=True)])
+        omegas[i] = np.array([about_psi * rising - about_phi * turning for rising, turning in zip(u_psi, u_phi, strict=True)])
         q[link.q : link.q + 4] = _to_quaternion(frames[link.parent].T @ frames[i])
         v[link.v : link.v + 3] = frames[i].T @ (omegas[i] - omegas[link.parent])
     for coordinate in layout.coordinates:

@@ -233,10 +233,10 @@ def _trajectory(
     if isinstance(loop, Loop):
         events, taken = tuple(Event(*happened) for happened in loop.happened), samples_of(mover, loop.recorded)
         return Trajectory.from_run(
-            system, mover.name, taken, start, t0, status, message, stats, events=events, turns=tuple(loop.turns)
+            system, mover, taken, start, t0, status, message, stats, events=events, turns=tuple(loop.turns)
         )
     return Trajectory.from_run(
-        system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events),
+        system, mover, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events),
         tuple(loop.turns),
     )  # fmt: skip
 
@@ -305,7 +305,10 @@ def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: fl
         many = f"run.duration = {run.duration:g} s at run.samples = {run.samples:g} per second"
         raise SceneError(f"{many}: at most {MAX_SAMPLES} samples")
     if t_eval is None:
-        return np.linspace(t0, t0 + run.duration, max(MIN_SAMPLES, int(np.ceil(run.duration * run.samples))) + 1)
+        count, end = max(MIN_SAMPLES, math.ceil(run.duration * run.samples)), t0 + run.duration
+        times = t0 + np.arange(count + 1, dtype=float) * ((end - t0) / count)
+        times[-1] = end
+        return times
     try:
         times = np.array(t_eval, dtype=float)
     except (TypeError, ValueError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,10 +69,14 @@ class CoreEngine:
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
         self.branches: list[Array] = []  # and the coordinates near which it read angles
         self.errors: list[VlmbError] = []  # of the control, since the last accepted step
-        self.single = make_driver("euler", self.size, directions=np.zeros(len(plan.events)))  # for single questions
         self.dependent = next((k for k, event in enumerate(plan.events) if event.kind == DEPENDENT), -1)
         self.look_at(LOOKED_AT[0])
         self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
+
+    @cached_property
+    def single(self) -> Driver:
+        """The driver of single questions."""
+        return make_driver("euler", self.size, directions=np.zeros(len(self.plan.events)))
 
     @property
     def first_slice(self) -> int:

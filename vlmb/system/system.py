@@ -91,8 +91,8 @@ class System:
 
     def with_run(self, run: Run) -> System:
         """Return this system with a run of the same equations: nothing is compiled again."""
-        made, own = dataclasses.replace(self, run=run), {field.name for field in dataclasses.fields(self)}
-        made.__dict__.update({name: value for name, value in self.__dict__.items() if name not in own})
+        made = object.__new__(type(self))
+        made.__dict__.update(self.__dict__, run=run)
         return made
 
     def with_inputs(self, names: Sequence[str]) -> System:
