@@ -8,7 +8,7 @@ to d by the shortest way, and without spin about d: only directions, lengths and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vlmb.core import tree as columns
 from vlmb.core.tree import Tree
 from vlmb.model.coordinates import kinematics
+from vlmb.model.frozen import copied
 from vlmb.model.layout import Layout, LinkIndex
 from vlmb.model.reading import Postures
 from vlmb.scene.scene import Scene
@@ -259,12 +260,14 @@ def renumbered_arrays(arrays: Arrays, scene: Scene) -> Arrays:
     real = np.array(arrays.tree.real)
     for row, i in enumerate(arrays.order):
         table = scene.links[i]
+        if table is arrays.scene.links[i]:
+            continue
         for column, segment, first in (
             (columns.LOWER_FREE, table.lower, columns.K1), (columns.UPPER_FREE, table.upper, columns.K2)
         ):  # fmt: skip
             if arrays.tree.link[row, column] and segment.motion == "free":
                 real[row, first : first + 3] = _spring(segment)
-    return replace(arrays, scene=scene, tree=arrays.tree._replace(real=real))
+    return copied(arrays, scene=scene, tree=arrays.tree._replace(real=real))
 
 
 def _constants(link: Link, index: LinkIndex, free: list[bool]) -> Array:

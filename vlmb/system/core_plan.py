@@ -19,6 +19,7 @@ from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
+from vlmb.model.frozen import copied
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
 from vlmb.model.quantities import QuantityTable, allowed_names
@@ -88,7 +89,7 @@ class CorePlan:
     def with_numbers(self, mechanism: Mechanism) -> CorePlan:
         """Return this plan for a mechanism that differs in its start and in the springs of its segments alone."""
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
-        return replace(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
+        return copied(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
 
     def placed(self, contacts: PhaseContacts) -> CorePlan:
         """Return this plan with the contacts of its phase at other places."""
