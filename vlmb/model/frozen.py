@@ -14,8 +14,8 @@ Frozen = TypeVar("Frozen")
 
 def read_only(values: Array) -> Array:
     """Return a view of an array into which nothing can be written."""
-    view = np.asarray(values).view()
-    view.flags.writeable = False
+    view = np.asarray(values)[...]
+    view.setflags(write=False)
     return view
 
 

@@ -35,7 +35,7 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.simulation.until import read_until
 from vlmb.system import interrupts
 from vlmb.system.beginning import beginning, start_in_phase
-from vlmb.system.core_engine import CoreEngine
+from vlmb.system.core_engine import NO_BOUNDS, CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.massless import require_held
@@ -178,7 +178,8 @@ def run_system(
         said = jumps(start, begin) if isinstance(start, End) else []
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
         end = t0 + run.duration
-        bounds = watched(longest_steps(mechanism.scene, t0, end), mechanism.scene, t0, end, system.until is not None)
+        bounds = longest_steps(mechanism.scene, t0, end) if system.timed else NO_BOUNDS
+        bounds = watched(bounds, mechanism.scene, t0, end, system.until is not None)
         began, used = time.perf_counter(), time.thread_time()
 
         def hand(t: Array, states: Array, phase: float = 0.0) -> None:

@@ -65,6 +65,8 @@ def passed_between(
     kinetic (N,) [J]; allowed: share of the largest velocity by which a run may be off; turns [s]: where it began anew, and the
     motion through the samples beside is not smooth
     """
+    if not (system.forces.channels or system.constraints):
+        return []
     t, names = motion.t, system.mechanism.names
     acting: dict[str, list[Expression]] = {}
     for force, law in zip(system.forces.channels, system.forces.laws, strict=False):

@@ -104,7 +104,7 @@ class Ensemble:
                     numbers[j, k] = entry.of(trajectory)
                 except VlmbError as error:
                     message[k] += f" {entry.name}: {error}"
-            count = int(np.searchsorted(self.times, trajectory.t[-1], side="right"))
+            count = int(np.searchsorted(self.times, trajectory.t[-1], side="right")) if task.histories else 0
             for j, name in enumerate(task.histories):
                 histories[j, k, :count] = history_at(trajectory, name, self.times[:count])
         return Shard(numbers, histories, tuple(status), tuple(message), tuple(doubts))

@@ -154,7 +154,7 @@ class CorePlan:
         """Return where every point is at the samples t (N,), states (N, ny)."""
         moving = states[:, : self.positions + self.velocities]
         if not len(self.plant.driven):
-            return self.arrays.postures(moving, np.broadcast_to(self.arrays.given, (len(t), *self.arrays.given.shape)))
+            return self.arrays.postures(moving, self.arrays.given)
         return self.arrays.postures(moving, self.given_at(make_memory(self.plant, self.arrays.given), t))
 
 

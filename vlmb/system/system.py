@@ -30,6 +30,7 @@ from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, phase_sce
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.forces import AppliedForces, Control, applied_forces
 from vlmb.system.gains import require_decay
+from vlmb.system.pace import timed_laws
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, control_channels, make_plan
 from vlmb.system.programme_rows import read_rows
@@ -171,6 +172,11 @@ class System:
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
         system = make_system(made, self.run, None if bare else self.forces.inputs, contacts)
         return dataclasses.replace(system, until=None if bare else self.until, ends_at=self.ends_at)
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether a law or an equation goes by the time."""
+        return bool(timed_laws(self.mechanism.scene))
 
     @property
     def size(self) -> int:
