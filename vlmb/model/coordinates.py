@@ -216,11 +216,11 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
 
 
 def _complete(layout: Layout, coordinates: Mapping[str, float]) -> dict[str, float]:
-    for name in coordinates:
-        if name not in layout.index:
-            raise SceneError(f"unknown coordinate {name!r}; {nearest(name, layout.names)}")
-    missing = [name for name in layout.names if name not in coordinates]
-    if missing:
+    if coordinates.keys() != layout.index.keys():
+        for name in coordinates:
+            if name not in layout.index:
+                raise SceneError(f"unknown coordinate {name!r}; {nearest(name, layout.names)}")
+        missing = [name for name in layout.names if name not in coordinates]
         raise SceneError(f"missing coordinates {', '.join(missing)}: a state needs every one of {', '.join(layout.names)}")
     return {name: finite(name, coordinates[name]) for name in layout.names}
 
