@@ -93,9 +93,9 @@ class Trajectory(Remade, Displayed):
     ) -> Trajectory:  # fmt: skip
         """Turn the samples of a run, and the engine that is done with it, into a trajectory."""
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
-        if np.isnan(inputs[-1:]).any():
+        if names and np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine.name, t, states, branch, begun(stretches, len(t))), {}
+        motion, looked = Motion(system, engine.name, t, states, branch, begun(stretches, len(t)) if stretches else 0.0), {}
         memory = engine.memory if isinstance(engine, CoreEngine) else None
         try:
             looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches, memory)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import build
-from vlmb.scene.renumbered import differ_in_numbers
-from vlmb.scene.scene import Scene
+from vlmb.scene.renumbered import renumbered
+from vlmb.scene.scene import Scene, with_values
 from vlmb.simulation.simulate import run_system, sample_times, simulate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies.reductions import Kept, history_at
@@ -79,10 +79,11 @@ class Ensemble:
 
     def trajectory(self, changes: Mapping[str, Any], times: Array | None = None) -> Trajectory:
         """Simulate the scene with changes, or at other times: as `simulate(scene.changed_at(changes))` does, bit for bit."""
-        scene = self.task.scene.changed_at(changes)
-        if self.system is None or not differ_in_numbers(self.task.scene, scene):
-            return simulate(scene, t_eval=self.given if times is None else times)
-        return run_system(self.system.with_numbers(self.system.with_scene(scene)), self.times if times is None else times)
+        numbers = renumbered(self.task.scene, changes) if self.system is not None else None
+        if numbers is None or self.system is None:
+            return simulate(self.task.scene.changed_at(changes), t_eval=self.given if times is None else times)
+        mechanism = self.system.with_scene(with_values(self.task.scene, numbers))
+        return run_system(self.system.with_numbers(mechanism), self.times if times is None else times)
 
     def shard(self, rows: Sequence[Sequence[Any]]) -> Shard:
         """Run the rows. A run that fails is a row with its status and message."""

@@ -233,7 +233,8 @@ class System:
 
     def breaks(self, start: float, end: float) -> set[float]:
         """Return the times in [start, end] where a law, an equation or a gain switches. Raises SceneError for too many."""
-        return set().union(*(breaks_within(made.breaks, start, end) for made in (self.forces, self.constraints) if made))
+        acting = (self.forces if self.forces.channels else None, self.constraints)
+        return set().union(*(breaks_within(made.breaks, start, end) for made in acting if made))
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
