@@ -272,7 +272,7 @@ def make_arrays(
 def renumbered_arrays(arrays: Arrays, scene: Scene) -> Arrays:
     """Return the constants with the springs of segments as another scene has them; all else is the same."""
     real = np.array(arrays.tree.real)
-    for row, i in enumerate(arrays.order):
+    for row, (i, *_) in enumerate(arrays.places):  # they are found once, for all of these
         table = scene.links[i]
         if table is arrays.scene.links[i]:
             continue

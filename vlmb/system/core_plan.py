@@ -88,6 +88,7 @@ class CorePlan:
 
     def with_numbers(self, mechanism: Mechanism) -> CorePlan:
         """Return this plan for a mechanism that differs in its start and in the springs of its segments alone."""
+        self.reads_angles  # noqa: B018 - found once, for all of these
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
         return copied(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
 

@@ -102,6 +102,8 @@ class System:
 
     def with_numbers(self, mechanism: Mechanism) -> System:
         """Return this system for a mechanism whose scene differs in numbers: nothing is compiled again. For the core."""
+        for name in ("timed", "work_names", "points", "reads_angles", "angled"):  # they are found once, for all of these
+            getattr(self, name)
         plan, segments = self.core_plan.with_numbers(mechanism), tuple(free_segments(mechanism))
         made = copied(self, mechanism=mechanism, segments=segments, core_plan=plan)
         for name in ("watch_plan", "of_phases"):  # what has such numbers
