@@ -42,7 +42,7 @@ from vlmb.system.massless import require_held
 from vlmb.system.pace import longest_steps, require_data, watched
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start
-from vlmb.system.system import System, make_system
+from vlmb.system.system import System, known_mechanism, make_system
 
 if TYPE_CHECKING:
     from vlmb.model.robot_mechanism import RobotMechanism
@@ -111,7 +111,7 @@ def simulate(
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
     if watch is not None and not callable(watch):
         raise SceneError(f"watch = {watch!r:.80}: must be a function that is called with samples (t, q, v)")
-    mechanism = scene if isinstance(scene, Mechanism) else build(scene)
+    mechanism = scene if isinstance(scene, Mechanism) else known_mechanism(scene) or build(scene)
     run = run_options(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
         engine=engine, max_step=max_step,

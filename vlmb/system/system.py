@@ -262,6 +262,17 @@ def make_system(
     return _compiled(mechanism, run, inputs, contacts)
 
 
+def known_mechanism(scene: object) -> Mechanism | None:
+    """Return the mechanism of a scene that differs from those of the last runs in numbers alone; None for another."""
+    if not isinstance(scene, Scene):
+        return None
+    for made, _ in _made:
+        if made.mechanism.scene is scene:
+            return made.mechanism
+    akin = next((made for made, _ in _made if differ_in_numbers(made.mechanism.scene, scene)), None)
+    return None if akin is None else akin.with_scene(scene)
+
+
 def _shared(mechanism: Mechanism, run: Run) -> System:
     """Return a system made before of the same mechanism and equations, with other options of its march; else a new one.
 
