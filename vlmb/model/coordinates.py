@@ -252,6 +252,8 @@ def _from_quaternion(quaternion: Array) -> Array:
     one = quaternion.ndim == 1  # a tenth of the time in plain numbers
     x, y, z, w = quaternion.tolist() if one else (quaternion[..., at] for at in range(4))
     norm = (math.sqrt if one else np.sqrt)(x * x + y * y + z * z + w * w)
+    if one and norm == 0.0:
+        norm = math.nan  # as NumPy has it
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),

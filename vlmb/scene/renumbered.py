@@ -11,6 +11,7 @@ import msgspec
 
 from vlmb.scene.complete import LARGEST, TINIEST
 from vlmb.scene.tables import Link, SceneTables, Segment
+from vlmb.scene.written import Written
 
 SPRING = ("stiffness", "damping", "rest")  # numbers of a free segment that nothing but its spring goes by
 DIFFERENT = ("start", "links")  # keys of scenes that may differ
@@ -69,7 +70,9 @@ def _is_renumbered(old: Segment, new: Segment) -> bool:
 
 
 def _is_allowed(value: Any) -> bool:
-    """Whether a value is a number that any scene may have."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or (isinstance(value, int) and abs(value) > 2**63):
+    """Whether a value is a number that any scene may have, and no expression."""
+    if isinstance(value, (bool, Written)) or not isinstance(value, (int, float)):
+        return False
+    if isinstance(value, int) and abs(value) > 2**63:
         return False
     return math.isfinite(value) and (value == 0.0 or TINIEST <= abs(value) <= LARGEST)
