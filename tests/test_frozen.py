@@ -164,6 +164,7 @@ def test_rows_are_compiled_once_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(vlmb.system.constraints, "make_readings", counted)
     for made in (CONSTRAINED, PROGRAMME):
+        monkeypatch.setattr("vlmb.system.system._made", ())  # runs of other tests share what they compiled
         compiled.clear()
         run = vlmb.simulate(made, duration=0.05, control=lambda t, view: {"F1_1": 0.0})
         run.summary(), numbers(run)

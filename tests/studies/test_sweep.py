@@ -19,7 +19,8 @@ import pytest
 import vlmb
 from vlmb.cli import main
 from vlmb.errors import SceneError, StudyError, TrajectoryError
-from vlmb.scene.renumbered import renumbered
+from vlmb.scene.keys import changed_data
+from vlmb.scene.renumbered import differ_in_numbers, renumbered
 from vlmb.studies.ensemble import Ensemble, Task
 from vlmb.studies.reductions import kept_of, reduced
 
@@ -54,7 +55,7 @@ def test_a_grid_has_its_keys_as_dimensions_and_is_the_single_runs(scene: vlmb.Sc
 
 
 @pytest.mark.parametrize("model", sorted(path.stem for path in MODELS.glob("*.toml")))
-def test_runs_that_share_a_system_are_the_single_runs(model: str) -> None:
+def test_runs_that_share_a_system_are_the_single_runs(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = vlmb.load_scene(MODELS / f"{model}.toml")
     scene = scene.changed(run={"duration": min(0.2, scene.run.duration), "engine": "auto"})
     changes: dict[str, Any] = {f"start.{name}": value + 1e-3 for name, value in list(scene.start.items())[:1]}
@@ -68,7 +69,10 @@ def test_runs_that_share_a_system_are_the_single_runs(model: str) -> None:
         pytest.skip("nothing that runs could share")
     ensemble = Ensemble(Task(scene, tuple(changes), (), (), ""))
     assert ensemble.system is not None and renumbered(scene, changes) is not None
-    shared, alone = ensemble.trajectory(changes), vlmb.simulate(scene.changed_at(changes))
+    shared, changed = ensemble.trajectory(changes), scene.changed_at(changes)
+    assert differ_in_numbers(scene, changed) and changed == vlmb.Scene.from_dict(changed_data(scene, changes))
+    monkeypatch.setattr("vlmb.system.system._made", ())
+    alone = vlmb.simulate(changed)
     assert shared.scene == alone.scene and shared.message == alone.message and shared.adjustments == alone.adjustments
     np.testing.assert_array_equal(shared.states, alone.states)
     for name in (*alone.mechanism.coordinate_names, "balance", "spring"):

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, finite, nearest
-from vlmb.model.layout import Layout, State, segment_of
+from vlmb.model.frozen import read_only
+from vlmb.model.layout import Layout, LinkIndex, State, segment_of
 
 Array = NDArray[np.float64]
 
 POLE = 1e-6  # cos(psi) below which an azimuth is not read, and M_phi not applied
 QUARTER_TURN = 0.25 * math.pi**2  # [rad^2]
+LEVEL, STILL = read_only(np.eye(3)), read_only(np.zeros(3))  # the surface frame, and its angular velocity
 AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes of each component of a cross product
 
 
@@ -54,24 +56,46 @@ def kinematics(layout: Layout, q: Array, v: Array) -> Kinematics:
     shape = q.shape[:-1]
     rotations = np.zeros((*shape, len(layout.links), 3, 3))
     omegas = np.zeros((*shape, len(layout.links), 3))
-    base_rotation, base_omega = np.eye(3), np.zeros(3)
-    if layout.base == "ski":
-        norm = np.hypot(q[..., 2], q[..., 3])
-        base_rotation = _about_z(q[..., 2] / norm, q[..., 3] / norm)
-        base_omega = np.stack([np.zeros(shape), np.zeros(shape), v[..., 2]], axis=-1)
+    base_rotation, base_omega = _turn_of_base(layout, q, v)
     for i in layout.order:
         link = layout.links[i]
         parent_rotation = base_rotation if link.parent < 0 else rotations[..., link.parent, :, :]
         parent_omega = base_omega if link.parent < 0 else omegas[..., link.parent, :]
-        if layout.plane:
-            angle = q[..., link.q]
-            local, rate = _about_minus_y(np.cos(angle), np.sin(angle)), np.zeros((*shape, 3))
-            rate[..., 1] = -v[..., link.v]
-        else:
-            local, rate = _from_quaternion(q[..., link.q : link.q + 4]), v[..., link.v : link.v + 3]
-        rotations[..., i, :, :] = parent_rotation @ local
-        omegas[..., i, :] = parent_omega + (rotations[..., i, :, :] @ rate[..., None])[..., 0]
+        local, rate = _turn_in_hinge(layout, link, q, v)
+        rotation = rotations[..., i, :, :] = parent_rotation @ local
+        omegas[..., i, :] = parent_omega + (rotation @ rate[..., None])[..., 0]
     return Kinematics(rotations, omegas)
+
+
+def directions_of(layout: Layout, q: Array, v: Array) -> list[tuple[list[float], list[float]]]:
+    """Return d_i and d_i' [1/s] of every link at one state q (nq,), v (nv,), as `kinematics` has them: in a third of its time."""
+    turns, found = {-1: _turn_of_base(layout, q, v)}, [([0.0], [0.0])] * len(layout.links)
+    for i in layout.order:
+        link = layout.links[i]
+        (rotation, omega), (local, rate) = turns[link.parent], _turn_in_hinge(layout, link, q, v)
+        rotation = rotation @ local
+        omega = omega + (rotation @ rate[:, None])[:, 0]
+        turns[i] = rotation, omega
+        (x, y, z), (a, b, c) = rotation[:, 0].tolist(), omega.tolist()
+        found[i] = [x, y, z], [b * z - c * y, c * x - a * z, a * y - b * x]
+    return found
+
+
+def _turn_of_base(layout: Layout, q: Array, v: Array) -> tuple[Array, Array]:
+    """Rotation (..., 3, 3) of the base, and its angular velocity (..., 3) [rad/s]."""
+    if layout.base != "ski":
+        return LEVEL, STILL
+    norm, zero = np.hypot(q[..., 2], q[..., 3]), np.zeros(q.shape[:-1])
+    return _about_z(q[..., 2] / norm, q[..., 3] / norm), np.stack([zero, zero, v[..., 2]], axis=-1)
+
+
+def _turn_in_hinge(layout: Layout, link: LinkIndex, q: Array, v: Array) -> tuple[Array, Array]:
+    """Rotation (..., 3, 3) of a link in its parent's frame, and its angular velocity (..., 3) beyond the parent's in its own."""
+    if not layout.plane:
+        return _from_quaternion(q[..., link.q : link.q + 4]), v[..., link.v : link.v + 3]
+    angle, rate = q[..., link.q], np.zeros((*q.shape[:-1], 3))
+    rate[..., 1] = -v[..., link.v]
+    return _about_minus_y(np.cos(angle), np.sin(angle)), rate
 
 
 def read_angles(direction: Sequence[float], reference: tuple[float, float] | None = None) -> tuple[float, float]:
@@ -109,15 +133,8 @@ def angle_rates(direction_rate: Sequence[float], phi: float, psi: float) -> tupl
 
 def read_coordinates(layout: Layout, q: Array, v: Array, reference: Array | None = None) -> tuple[Array, Array]:
     """Read the coordinates and their rates (N,), (N,) of one state, angles on the branch nearest to `reference` (N,)."""
-    motion = kinematics(layout, q, v)
-    return _read_one(layout, q, v, motion.directions, motion.direction_rates, reference)
-
-
-def _read_one(
-    layout: Layout, q: Array, v: Array, directions: Array, direction_rates: Array, reference: Array | None
-) -> tuple[Array, Array]:
     values, rates = np.zeros(len(layout.names)), np.zeros(len(layout.names))
-    index = layout.index
+    index, moving = layout.index, directions_of(layout, q, v)
     if layout.base == "ski":
         heading = math.atan2(q[3], q[2])
         if reference is not None:
@@ -139,9 +156,10 @@ def _read_one(
             rates[at] = v[link.v] + (rates[parent] if parent >= 0 else 0.0)
         else:
             before = None if reference is None else (reference[at - 1], reference[at])
-            angles = read_angles(directions[i].tolist(), before)
+            direction, direction_rate = moving[i]
+            angles = read_angles(direction, before)
             values[at - 1 : at + 1] = angles
-            rates[at - 1 : at + 1] = angle_rates(direction_rates[i].tolist(), *angles)
+            rates[at - 1 : at + 1] = angle_rates(direction_rate, *angles)
     for at, coordinate in enumerate(layout.coordinates):
         if coordinate.kind == "xi":
             segment = segment_of(layout, coordinate)
@@ -158,7 +176,7 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
     values = _complete(layout, coordinates)
     speeds = _rates(layout, rates or {})
     q, v = np.zeros(layout.nq), np.zeros(layout.nv)
-    base_rotation, base_omega = np.eye(3), np.zeros(3)
+    base_rotation, base_omega = LEVEL, STILL
     if layout.base == "ski":
         cosine, sine = math.cos(values["phi0"]), math.sin(values["phi0"])
         q[:4] = values["x"], values["y"], cosine, sine
@@ -183,10 +201,11 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
             continue
         phi = values[f"phi{i + 1}"]
         cos_phi, sin_phi, cos_psi, sin_psi = math.cos(phi), math.sin(phi), math.cos(psi), math.sin(psi)
-        u_phi = np.array([-sin_phi, cos_phi, 0.0])
-        u_psi = np.array([-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi])
-        frames[i] = np.array([[cos_phi * cos_psi, sin_phi * cos_psi, sin_psi], u_phi, u_psi]).T.copy()
-        omegas[i] = speeds[f"phi{i + 1}"] * cos_psi * u_psi - speeds[f"psi{i + 1}"] * u_phi
+        d = cos_phi * cos_psi, sin_phi * cos_psi, sin_psi
+        u_phi, u_psi = (-sin_phi, cos_phi, 0.0), (-cos_phi * sin_psi, -sin_phi * sin_psi, cos_psi)
+        about_psi, about_phi = speeds[f"phi{i + 1}"] * cos_psi, speeds[f"psi{i + 1}"]
+        frames[i] = np.array([*zip(d, u_phi, u_psi, strict=True)])
+        omegas[i] = np.array([about_psi * rising - about_phi * turning for rising, turning in zip(u_psi, u_phi, strict=True)])
         q[link.q : link.q + 4] = _to_quaternion(frames[link.parent].T @ frames[i])
         v[link.v : link.v + 3] = frames[i].T @ (omegas[i] - omegas[link.parent])
     for coordinate in layout.coordinates:
@@ -197,11 +216,11 @@ def make_state(layout: Layout, coordinates: Mapping[str, float], rates: Mapping[
 
 
 def _complete(layout: Layout, coordinates: Mapping[str, float]) -> dict[str, float]:
-    for name in coordinates:
-        if name not in layout.index:
-            raise SceneError(f"unknown coordinate {name!r}; {nearest(name, layout.names)}")
-    missing = [name for name in layout.names if name not in coordinates]
-    if missing:
+    if coordinates.keys() != layout.index.keys():
+        for name in coordinates:
+            if name not in layout.index:
+                raise SceneError(f"unknown coordinate {name!r}; {nearest(name, layout.names)}")
+        missing = [name for name in layout.names if name not in coordinates]
         raise SceneError(f"missing coordinates {', '.join(missing)}: a state needs every one of {', '.join(layout.names)}")
     return {name: finite(name, coordinates[name]) for name in layout.names}
 
@@ -230,26 +249,29 @@ def _about_minus_y(cosine: Array, sine: Array) -> Array:
 
 def _from_quaternion(quaternion: Array) -> Array:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4) in the order x, y, z, w, of any norm."""
-    unit = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
-    x, y, z, w = unit.tolist() if unit.ndim == 1 else (unit[..., at] for at in range(4))  # of one: a tenth of the time
+    one = quaternion.ndim == 1  # a tenth of the time in plain numbers
+    x, y, z, w = quaternion.tolist() if one else (quaternion[..., at] for at in range(4))
+    norm = (math.sqrt if one else np.sqrt)(x * x + y * y + z * z + w * w)
+    if one and norm == 0.0:
+        norm = math.nan  # as NumPy has it
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
         2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
         2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
     ]  # fmt: skip
-    return (np.array(rows) if unit.ndim == 1 else np.stack(rows, axis=-1)).reshape(*quaternion.shape[:-1], 3, 3)
+    return (np.array(rows) if one else np.stack(rows, axis=-1)).reshape(*quaternion.shape[:-1], 3, 3)
 
 
-def _to_quaternion(rotation: Array) -> Array:
+def _to_quaternion(rotation: Array) -> tuple[float, ...]:
     """Quaternion (x, y, z, w) of a rotation matrix, by its largest component."""
-    r = rotation
-    products = np.array(
-        [
-            [1 + r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], 1 - r[0, 0] + r[1, 1] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 - r[0, 0] - r[1, 1] + r[2, 2], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    column = products[:, int(np.argmax(np.diag(products)))]
-    return column / math.sqrt(float(column @ column))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    products = (
+        (1 + xx - yy - zz, xy + yx, xz + zx, zy - yz),
+        (xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx),
+        (xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy),
+        (zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz),
+    )  # symmetric, 4 q q^T
+    x, y, z, w = products[max(range(4), key=lambda k: products[k][k])]
+    norm = math.sqrt((x * x + z * z) + (y * y + w * w))
+    return x / norm, y / norm, z / norm, w / norm

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Frozen = TypeVar("Frozen")
 
 
 def read_only(values: Array) -> Array:
     """Return a view of an array into which nothing can be written."""
-    view = np.asarray(values).view()
-    view.flags.writeable = False
+    view = np.asarray(values)[...]
+    view.setflags(write=False)
     return view
+
+
+def copied(what: Frozen, **values: Any) -> Frozen:
+    """Return a frozen dataclass with other values of some fields, and what it has computed since, which these do not change."""
+    made = object.__new__(type(what))
+    made.__dict__.update(what.__dict__, **values)
+    return made
 
 
 class Remade:

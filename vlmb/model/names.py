@@ -163,6 +163,12 @@ class Names(Collection[str]):
         return found
 
     @cached_property
+    def _of_coordinates(self) -> dict[str, Quantity]:
+        """Coordinates and their rates by name."""
+        found = (quantity_of(c, rate) for c in self.layout.coordinates for rate in (False, True))
+        return {quantity.name: quantity for quantity in found}
+
+    @cached_property
     def _own(self) -> tuple[tuple[Coordinate, ...], ...]:
         """Coordinates of each link."""
         found: list[list[Coordinate]] = [[] for _ in self.layout.links]
@@ -272,10 +278,11 @@ class Names(Collection[str]):
         return ""
 
     def _find(self, name: str) -> Quantity | None:
+        own = self._of_coordinates.get(name)
+        if own is not None:
+            return own
         plain = name.removesuffix(DOT)
         rate = plain != name
-        if plain in self.layout.index:
-            return quantity_of(self.layout.coordinates[self.layout.index[plain]], rate)
         if name == "speed" and self.layout.base == "ski":
             return Quantity(name, "speed", rate=True)
         owner, _, rest = plain.partition(".")

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.along import angles_along
+from vlmb.core import along
+from vlmb.core.calls import direct
 from vlmb.errors import SceneError
 from vlmb.model.coordinates import kinematics
 from vlmb.model.layout import Layout, LinkIndex
@@ -17,6 +18,8 @@ from vlmb.model.names import AXES, POINTS, Quantity
 from vlmb.scene.scene import Scene
 
 Array = NDArray[np.float64]
+
+angles_along = direct(along.angles_along)
 
 
 @dataclass(frozen=True, eq=False)

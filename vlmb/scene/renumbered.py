@@ -10,39 +10,69 @@ from typing import Any
 import msgspec
 
 from vlmb.scene.complete import LARGEST, TINIEST
-from vlmb.scene.scene import Scene
+from vlmb.scene.tables import Link, SceneTables, Segment
+from vlmb.scene.written import Written
 
 SPRING = ("stiffness", "damping", "rest")  # numbers of a free segment that nothing but its spring goes by
+DIFFERENT = ("start", "links")  # keys of scenes that may differ
 
 
-def renumbered(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
-    """Return a scene with other numbers in [start] and in the springs of free segments, as `changed_at` would.
+def renumbered(scene: SceneTables, changes: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return [start] and the links of a complete scene under changes of start values and of springs of free segments.
 
-    None where a change is of another kind, or not certainly allowed: then `changed_at` tells. Whatever a mechanism of the scene
-    has in its layout, its masses and the names of its work stays as it is.
+    None where a change is of another kind, or not certainly allowed: then a check of the whole scene tells. Whatever a mechanism
+    of the scene has in its layout, its masses and the names of its work stays as it is.
     """
     start, links = dict(scene.start), list(scene.links)
     names = [link.name for link in links]
     for key, value in changes.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not _in_range(float(value)):
+        if not (isinstance(key, str) and _is_allowed(value)):
             return None
         first, *rest = re.sub(r"\[(\w+)\]", r".\1", key).split(".")
         if first == "start" and rest:
             start[".".join(rest)] = float(value)
         elif first == "links" and len(rest) == 3 and rest[1] in ("lower", "upper") and rest[2] in SPRING:
-            at = names.index(rest[0]) if rest[0] in names else int(rest[0]) if rest[0].isdigit() else len(links)
+            at = names.index(rest[0]) if rest[0] in names else int(rest[0]) if re.fullmatch(r"\d{1,6}", rest[0]) else len(links)
             if at >= len(links):
                 return None
             old = getattr(links[at], rest[1])
-            if old.motion != "free" or (rest[2] != "rest" and not (value > 0.0 and getattr(old, rest[2]) > 0.0)):
-                return None  # whether there is a spring or a damper at all decides more than a number
-            links[at] = msgspec.structs.replace(
-                links[at], **{rest[1]: msgspec.structs.replace(old, **{rest[2]: float(value)})}
-            )
+            new = msgspec.structs.replace(old, **{rest[2]: float(value)})
+            if not _is_renumbered(old, new):
+                return None
+            links[at] = msgspec.structs.replace(links[at], **{rest[1]: new})
         else:
             return None
-    return scene.with_numbers(start, tuple(links))
+    return {"start": start, "links": tuple(links)}
 
 
-def _in_range(value: float) -> bool:
+def differ_in_numbers(one: SceneTables, other: SceneTables) -> bool:
+    """Whether complete scenes differ in nothing but what `renumbered` changes."""
+    if len(one.links) != len(other.links):
+        return False
+    alike = all(getattr(one, key) == getattr(other, key) for key in one.__struct_fields__ if key not in DIFFERENT)
+    return alike and all(map(_is_renumbered_link, one.links, other.links))
+
+
+def _is_renumbered_link(old: Link, new: Link) -> bool:
+    if old is new:
+        return True
+    alike = msgspec.structs.replace(old, lower=new.lower, upper=new.upper) == new
+    return alike and _is_renumbered(old.lower, new.lower) and _is_renumbered(old.upper, new.upper)
+
+
+def _is_renumbered(old: Segment, new: Segment) -> bool:
+    """Whether segments differ in numbers of a spring alone; whether there is a spring or a damper decides more than a number."""
+    if old == new:
+        return True
+    alike = msgspec.structs.replace(old, **{name: getattr(new, name) for name in SPRING}) == new
+    there = all((getattr(old, name) > 0.0) == (getattr(new, name) > 0.0) for name in ("stiffness", "damping"))
+    return alike and old.motion == "free" and there and min(new.stiffness, new.damping) >= 0.0
+
+
+def _is_allowed(value: Any) -> bool:
+    """Whether a value is a number that any scene may have, and no expression."""
+    if isinstance(value, (bool, Written)) or not isinstance(value, (int, float)):
+        return False
+    if isinstance(value, int) and abs(value) > 2**63:
+        return False
     return math.isfinite(value) and (value == 0.0 or TINIEST <= abs(value) <= LARGEST)

@@ -19,6 +19,7 @@ from vlmb.scene.explain import BASE_HINT, unknown_key
 from vlmb.scene.keys import changed_data
 from vlmb.scene.names import listed
 from vlmb.scene.recorded import take_in
+from vlmb.scene.renumbered import renumbered
 from vlmb.scene.robots import take_in_robots
 from vlmb.scene.rows import rows_of
 from vlmb.scene.shipped import scene_file
@@ -94,11 +95,10 @@ class Scene(SceneTables, frozen=True, kw_only=True):
         scene.changed_at({"links.legs.lower.stiffness": 1e4, "start.speed": 7.0, "forces.0.law": "20*t"}).
         Raises SceneError naming the path and the nearest valid key, and as `from_dict` does.
         """
+        numbers = renumbered(self, changes) if isinstance(changes, Mapping) else None
+        if numbers is not None:
+            return with_values(self, numbers)
         return Scene.from_dict(changed_data(self, changes), "changed scene")
-
-    def with_numbers(self, start: dict[str, float], links: tuple[Link, ...]) -> Scene:
-        """Return this scene with tables that differ from its own in numbers which the caller has checked."""
-        return with_values(self, {"start": start, "links": links})
 
     @property
     def on_snow(self) -> bool:

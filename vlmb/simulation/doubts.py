@@ -6,6 +6,7 @@ asked for leaves no trace.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 
 import numpy as np
@@ -38,9 +39,10 @@ def doubts_of(
 
     inputs (N, S): recorded forces from outside; energies (N,) by name; turns [s]: where the run began anew
     """
-    run, own = system.run, {"t", *system.mechanism.scene.parameters, *system.mechanism.signals}
+    run, written = system.run, system.forces.written
+    own = {"t", *system.mechanism.scene.parameters, *system.mechanism.signals} if written else set()
     found = [*of_energy(energies, run), *of_steps(system.mechanism.scene, run, motion.t), *of_poles(system, motion)]
-    seen = inputs.shape[1] or any(law.names - own for law in system.forces.written)  # laws of time are looked through before
+    seen = inputs.shape[1] or any(law.names - own for law in written)  # laws of time are looked through before
     if seen and not system.points:  # forces of contacts jump
         names = system.forces.inputs or ()
         found += of_slopes(motion.t, *slopes_along(system, motion, inputs), run, dict(zip(names, inputs.T, strict=True)))
@@ -77,6 +79,8 @@ def share_allowed(run: Run) -> float:
 def of_energy(energies: Mapping[str, Array], run: Run) -> list[str]:
     """Say by how much the energy does not add up, where that is more than the method explains."""
     off, kinetic = largest(energies["balance"]), largest(energies["kinetic"])
+    if off <= share_allowed(run) * kinetic:
+        return []
     others = sum(largest(energies[name]) for name in ("potential", "spring", "work", "dissipated"))
     if off <= share_allowed(run) * max(kinetic, AT_REST * others):
         return []
@@ -86,9 +90,9 @@ def of_energy(energies: Mapping[str, Array], run: Run) -> list[str]:
 
 def of_steps(scene: Scene, run: Run, t: Array) -> list[str]:
     """Say where fixed steps are longer than what a law does in time takes: they may pass over it; t (N,) are the samples."""
-    bounds = np.zeros((0, 3))
-    if t[-1] > t[0] and not find_method(run.method).adaptive:
-        bounds = longest_steps(scene, float(t[0]), float(t[-1]))
+    if find_method(run.method).adaptive or not t[-1] > t[0]:
+        return []
+    bounds = longest_steps(scene, float(t[0]), float(t[-1]))
     step = run.step or DEFAULT_STEP
     if not len(bounds) or step <= bounds[:, 2].min():
         return []
@@ -202,5 +206,5 @@ def _far(values: Array, at: int) -> float:
 
 def largest(values: Array) -> float:
     """Largest size among the values; infinite where one is not finite."""
-    sizes = np.abs(np.asarray(values, float))
-    return float(sizes.max(initial=0.0)) if np.isfinite(sizes).all() else np.inf
+    size = float(np.maximum.reduce(np.abs(values), axis=None, initial=0.0))
+    return size if math.isfinite(size) else math.inf

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from vlmb.core.plant import Memory
 from vlmb.errors import VlmbError
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW
@@ -116,8 +117,10 @@ def held_along(system: System, motion: Motion) -> dict[str, tuple[Array | None, 
     found: dict[str, tuple[Array | None, Array]] = {}
     if system.knife_edge == "multiplier":
         found["knife_edge"] = None, motion.pinocchio[1][:, SIDEWAYS]
+    if system.constraints is None:
+        return found
     ideal = rows_of(system.mechanism.scene).ideal
-    if system.constraints is None or not ideal:
+    if not ideal:
         return found
     (q, v), values, frames = motion.pinocchio, motion.coordinates[0], LinkFrames(system.mechanism)
     at = np.linspace(0.0, len(motion.t) - 1.0, min(len(motion.t), LOOKS)).round().astype(int)
@@ -140,19 +143,25 @@ def work_by_force(system: System, motion: Motion) -> dict[str, Array]:
 
 
 def energies_along(
-    system: System, motion: Motion, work_by_force: Mapping[str, Array], stretches: Sequence[Stretch] = ()
-) -> dict[str, Array]:
-    """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses."""
-    kinetic, potential, spring = motion.energies(system).T
+    system: System, motion: Motion, work_by_force: Mapping[str, Array], stretches: Sequence[Stretch] = (),
+    memory: Memory | None = None,
+) -> dict[str, Array]:  # fmt: skip
+    """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses.
+
+    memory : of a run that is over, into which is written; None makes one
+    """
+    found = np.zeros((len(ENERGIES), len(motion.t)))
+    kinetic, potential, spring, total, work, lost, balance = found
+    found[:3] = motion.energies(system, memory).T
     if system.mechanism.scene.legs and stretches:
-        spring = spring + energy_of_legs(system.points, stretches, motion.postures)
-    total = kinetic + potential + spring
-    work, lost = np.zeros(len(total)), np.zeros(len(total))
+        spring += energy_of_legs(system.points, stretches, motion.postures)
+    total[:] = kinetic + potential + spring
+    balance[:] = total - total[0]
     for name, done in work_by_force.items():
         if name == DAMPERS:
-            lost = done
+            lost[:] = done
         else:
-            work = work + done
-    balance = total - total[0] - (work - work[0]) + (lost - lost[0])
-    values = (kinetic, potential, spring, total, work, lost, balance)
-    return dict(zip(ENERGIES, map(read_only, values), strict=True))
+            work += done
+    if work_by_force:
+        balance[:] = balance - (work - work[0]) + (lost - lost[0])
+    return dict(zip(ENERGIES, read_only(found), strict=True))

@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.core.calls import energies_along
-from vlmb.core.plant import make_memory
+from vlmb.core.plant import Memory, make_memory
 from vlmb.core.tree import AT_P
 from vlmb.model.arrays import pinocchio_states
 from vlmb.model.frozen import read_only
@@ -32,14 +32,14 @@ class Motion:
         self, system: System, engine: str, t: Array, states: Array, branch: Array, began: float | Array = 0.0
     ) -> None:
         """Take samples; `began` (N,) are the times [s] at which their phases began, which given lengths may go by."""
-        self.system, self.engine, self.t, self.states, self.branch = system, engine, t, states, branch
-        self.began = np.broadcast_to(began, np.shape(t))
+        self.system, self.engine, self.t, self.states, self.branch, self.began = system, engine, t, states, branch, began
 
-    def _plans(self) -> list[tuple[NDArray[np.bool_], CorePlan]]:
+    def _plans(self) -> list[tuple[NDArray[np.bool_] | slice, CorePlan]]:
         """List the core's plans with the samples they are for: one of each phase where lengths go by its time, else one."""
         if not any(PHASE_START in at.law.expression.names for at in self.system.prescribed):
-            return [(np.ones(len(self.t), bool), self.system.core_plan)]
-        return [(self.began == began, self.system.core_plan.begun(float(began))) for began in np.unique(self.began)]
+            return [(slice(None), self.system.core_plan)]
+        when = np.broadcast_to(self.began, np.shape(self.t))
+        return [(when == began, self.system.core_plan.begun(float(began))) for began in np.unique(when)]
 
     @cached_property
     def postures(self) -> Postures:
@@ -77,14 +77,16 @@ class Motion:
         """Work states (N, W) [J]."""
         return read_only(self.states[:, self.states.shape[1] - len(self.system.work_names) :])
 
-    def energies(self, system: System) -> Array:
-        """Kinetic energy, gravity's and that of the springs (N, 3) [J]."""
+    def energies(self, system: System, memory: Memory | None = None) -> Array:
+        """Kinetic energy, gravity's and that of the springs (N, 3) [J]; in the `memory` of a run that is over, if it is given."""
         if self.engine == "core":
             found = np.empty((len(self.t), 3))
             for own, plan in self._plans():
-                memory, energies = make_memory(plan.plant, plan.arrays.given), np.empty((int(own.sum()), 3))
-                memory.near[:] = plan.spring_angles(self.branch[0])
-                energies_along(plan.plant, memory, np.array(self.t[own]), np.array(self.states[own], order="C"), energies)
+                free = memory if memory is not None and plan is system.core_plan else make_memory(plan.plant, plan.arrays.given)
+                free.near[:] = plan.spring_angles(self.branch[0])
+                t, states = np.array(self.t[own]), np.array(self.states[own], order="C")
+                energies = np.empty((len(t), 3))
+                energies_along(plan.plant, free, t, states, energies)
                 found[own] = energies
         else:
             found = _by_pinocchio(system, *self.pinocchio)

@@ -35,14 +35,14 @@ from vlmb.simulation.trajectory import Trajectory
 from vlmb.simulation.until import read_until
 from vlmb.system import interrupts
 from vlmb.system.beginning import beginning, start_in_phase
-from vlmb.system.core_engine import CoreEngine
+from vlmb.system.core_engine import NO_BOUNDS, CoreEngine
 from vlmb.system.engines import make_engine
 from vlmb.system.forces import Control, StateView, answer_of
 from vlmb.system.massless import require_held
 from vlmb.system.pace import longest_steps, require_data, watched
 from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start
-from vlmb.system.system import System, make_system
+from vlmb.system.system import System, known_mechanism, make_system
 
 if TYPE_CHECKING:
     from vlmb.model.robot_mechanism import RobotMechanism
@@ -111,7 +111,7 @@ def simulate(
         raise SceneError(f"progress = {progress!r:.80}: must be a function that is called with the time reached [s]")
     if watch is not None and not callable(watch):
         raise SceneError(f"watch = {watch!r:.80}: must be a function that is called with samples (t, q, v)")
-    mechanism = scene if isinstance(scene, Mechanism) else build(scene)
+    mechanism = scene if isinstance(scene, Mechanism) else known_mechanism(scene) or build(scene)
     run = run_options(
         mechanism.scene, duration=duration, method=method, rtol=rtol, atol=atol, knife_edge=knife_edge, step=step, gain=gain,
         engine=engine, max_step=max_step,
@@ -178,7 +178,8 @@ def run_system(
         said = jumps(start, begin) if isinstance(start, End) else []
         begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
         end = t0 + run.duration
-        bounds = watched(longest_steps(mechanism.scene, t0, end), mechanism.scene, t0, end, system.until is not None)
+        bounds = longest_steps(mechanism.scene, t0, end) if system.timed else NO_BOUNDS
+        bounds = watched(bounds, mechanism.scene, t0, end, system.until is not None)
         began, used = time.perf_counter(), time.thread_time()
 
         def hand(t: Array, states: Array, phase: float = 0.0) -> None:
@@ -233,10 +234,10 @@ def _trajectory(
     if isinstance(loop, Loop):
         events, taken = tuple(Event(*happened) for happened in loop.happened), samples_of(mover, loop.recorded)
         return Trajectory.from_run(
-            system, mover.name, taken, start, t0, status, message, stats, events=events, turns=tuple(loop.turns)
+            system, mover, taken, start, t0, status, message, stats, events=events, turns=tuple(loop.turns)
         )
     return Trajectory.from_run(
-        system, mover.name, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events),
+        system, mover, loop.samples, start, t0, status, message, stats, tuple(loop.stretches), tuple(loop.events),
         tuple(loop.turns),
     )  # fmt: skip
 
@@ -305,7 +306,10 @@ def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: fl
         many = f"run.duration = {run.duration:g} s at run.samples = {run.samples:g} per second"
         raise SceneError(f"{many}: at most {MAX_SAMPLES} samples")
     if t_eval is None:
-        return np.linspace(t0, t0 + run.duration, max(MIN_SAMPLES, int(np.ceil(run.duration * run.samples))) + 1)
+        count, end = max(MIN_SAMPLES, math.ceil(run.duration * run.samples)), t0 + run.duration
+        times = t0 + np.arange(count + 1, dtype=float) * ((end - t0) / count)
+        times[-1] = end
+        return times
     try:
         times = np.array(t_eval, dtype=float)
     except (TypeError, ValueError):

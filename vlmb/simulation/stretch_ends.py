@@ -44,18 +44,22 @@ def leave(engine: Engine, driver: Driver, t: float, gap: float, begins: bool) ->
     Raises VlmbError where a run begins at a break at which a law has no value, or where one comes from infinity.
     """
     point, y = driver.point, np.array(driver.point)
-    if gap and begins:
+    if not gap:
+        with contextlib.suppress(VlmbError):  # the next step says it
+            found = over(engine, t, y, on=True) if begins else None
+            if found is not None:
+                take_samples(engine, driver, t)
+                point[:] = found.y
+        return
+    if begins:
         engine.evaluate(t, y)
     slope = np.zeros_like(y)
     with contextlib.suppress(VlmbError):  # the next step says it
-        found = over(engine, t, y, on=True) if begins and not gap else None
-        if gap or found is not None:
-            if begins:
-                take_samples(engine, driver, t)
-            slope = engine.evaluate(t + gap, y) if gap else slope
-            point[:] = y + gap * slope if found is None else found.y
-    if gap:
-        _refuse_pole(engine, driver, y, slope, (t, t + 2.0 * gap, gap))
+        if begins:
+            take_samples(engine, driver, t)
+        slope = engine.evaluate(t + gap, y)
+        point[:] = y + gap * slope
+    _refuse_pole(engine, driver, y, slope, (t, t + 2.0 * gap, gap))
 
 
 def arrive(engine: Engine, driver: Driver, t: float, gap: float) -> None:

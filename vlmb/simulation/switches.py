@@ -67,8 +67,10 @@ def over(engine: Engine, t: float, y: Array, on: bool = False) -> Over | None:
 
     on : only of switches that the state is exactly on. None where none is so near. Raises VlmbError where y' has no answer.
     """
-    switches, size = [k for k, event in enumerate(engine.events) if event.kind == SWITCH], max(1.0, abs(t))
-    before = engine.indicators(t, y)[0].tolist() if switches else []
+    switches = [k for k, event in enumerate(engine.events) if event.kind == SWITCH]
+    if not switches:
+        return None
+    size, before = max(1.0, abs(t)), engine.indicators(t, y)[0].tolist()
     watched = [k for k in switches if before[k] == 0.0 or not on]
     slope, ahead = engine.evaluate(t, y) if watched else y, LEAST * size
     while watched and ahead <= NEAREST * size:

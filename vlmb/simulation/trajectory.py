@@ -43,6 +43,8 @@ from vlmb.simulation.samples import Samples
 from vlmb.simulation.storage import checked_path, write_arrays, write_columns
 from vlmb.simulation.summary import summarize
 from vlmb.system.contacts import HELD, RESTING, ContactPoint, work_names_of
+from vlmb.system.core_engine import CoreEngine
+from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.start import Start
 from vlmb.system.system import System, make_system
 
@@ -85,22 +87,24 @@ class Trajectory(Remade, Displayed):
 
     @staticmethod
     def from_run(
-        system: System, engine: str, samples: Samples, start: Start, t0: float, status: str, message: str, stats: Any,
-        stretches: tuple[Stretch, ...] = (), events: tuple[Event, ...] = (), turns: tuple[Turn, ...] = (),
+        system: System, engine: CoreEngine | PinocchioEngine, samples: Samples, start: Start, t0: float, status: str,
+        message: str, stats: Any, stretches: tuple[Stretch, ...] = (), events: tuple[Event, ...] = (),
+        turns: tuple[Turn, ...] = (),
     ) -> Trajectory:  # fmt: skip
-        """Turn the samples of a run into a trajectory."""
+        """Turn the samples of a run, and the engine that is done with it, into a trajectory."""
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
-        if np.isnan(inputs[-1:]).any():
+        if names and np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine, t, states, branch, begun(stretches, len(t))), {}
+        motion, looked = Motion(system, engine.name, t, states, branch, begun(stretches, len(t)) if stretches else 0.0), {}
+        memory = engine.memory if isinstance(engine, CoreEngine) else None
         try:
-            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches)
+            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches, memory)
             anew = {turn.t for turn in turns}
             doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"], anew)
         except Exception as error:  # the samples are there, whatever becomes of what is computed of them
             doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
         made = Trajectory(
-            system.mechanism, t, states, engine, inputs, names, branch, system.run, status, message, start.adjustments,
+            system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
             stats, versions(), float(t0), doubts, stretches, events,
         )  # fmt: skip
         made.__dict__.update(system=system, _motion=motion, turns=turns, **looked)  # nothing is compiled or computed again

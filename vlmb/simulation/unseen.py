@@ -65,9 +65,9 @@ def passed_between(
     kinetic (N,) [J]; allowed: share of the largest velocity by which a run may be off; turns [s]: where it began anew, and the
     motion through the samples beside is not smooth
     """
-    t, names = motion.t, system.mechanism.names
-    if len(t) < 3 or not (np.diff(t) > 0.0).all():
+    if not (system.forces.channels or system.constraints):
         return []
+    t, names = motion.t, system.mechanism.names
     acting: dict[str, list[Expression]] = {}
     for force, law in zip(system.forces.channels, system.forces.laws, strict=False):
         if is_named(force) and force.coordinate:
@@ -80,6 +80,8 @@ def passed_between(
     rows = [_difference(root) for root in system.constraints.roots[: len(info)]] if system.constraints else []
     asked += [(f"the equation {row.text!r}", [root], "") for row, root in zip(info, rows, strict=True) if not row.of_forces]
     asked = [entry for entry in asked if any(_bends(law.tree, names) for law in entry[1])]
+    if not asked or len(t) < 3 or not (np.diff(t) > 0.0).all():
+        return []
     found = []
     if not _any_narrow(system, motion, [law for _, together, _ in asked for law in together]):
         return []
@@ -101,8 +103,6 @@ def passed_between(
 
 def _any_narrow(system: System, motion: Motion, laws: Sequence[Expression]) -> bool:
     """Whether any of several laws, looked at together, varies within a part of an interval between samples."""
-    if not laws:
-        return False
     with contextlib.suppress(VlmbError):
         compiled, parameters = _compiled(system, _along(system, motion, {name for law in laws for name in law.names}), laws)
         steps = time_scale(compiled.tape, parameters, motion.t[0], motion.t[-1]).steps

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vlmb.errors import VlmbError
 from vlmb.model.mechanism import build
 from vlmb.scene.renumbered import renumbered
-from vlmb.scene.scene import Scene
+from vlmb.scene.scene import Scene, with_values
 from vlmb.simulation.simulate import run_system, sample_times, simulate
 from vlmb.simulation.trajectory import Trajectory
 from vlmb.studies.reductions import Kept, history_at
@@ -79,10 +79,11 @@ class Ensemble:
 
     def trajectory(self, changes: Mapping[str, Any], times: Array | None = None) -> Trajectory:
         """Simulate the scene with changes, or at other times: as `simulate(scene.changed_at(changes))` does, bit for bit."""
-        scene = renumbered(self.task.scene, changes) if self.system is not None else None
-        if scene is None or self.system is None:
+        numbers = renumbered(self.task.scene, changes) if self.system is not None else None
+        if numbers is None or self.system is None:
             return simulate(self.task.scene.changed_at(changes), t_eval=self.given if times is None else times)
-        return run_system(self.system.with_numbers(scene), self.times if times is None else times)
+        mechanism = self.system.with_scene(with_values(self.task.scene, numbers))
+        return run_system(self.system.with_numbers(mechanism), self.times if times is None else times)
 
     def shard(self, rows: Sequence[Sequence[Any]]) -> Shard:
         """Run the rows. A run that fails is a row with its status and message."""
@@ -104,7 +105,7 @@ class Ensemble:
                     numbers[j, k] = entry.of(trajectory)
                 except VlmbError as error:
                     message[k] += f" {entry.name}: {error}"
-            count = int(np.searchsorted(self.times, trajectory.t[-1], side="right"))
+            count = int(np.searchsorted(self.times, trajectory.t[-1], side="right")) if task.histories else 0
             for j, name in enumerate(task.histories):
                 histories[j, k, :count] = history_at(trajectory, name, self.times[:count])
         return Shard(numbers, histories, tuple(status), tuple(message), tuple(doubts))

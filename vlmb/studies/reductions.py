@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, VlmbError
-from vlmb.scene.names import ENERGIES
+from vlmb.scene.names import ENERGIES, kind_of
 from vlmb.simulation.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -95,9 +95,10 @@ def history(trajectory: Trajectory, name: str) -> Array:
             if found is None:
                 raise SceneError(f"{name}: this row is one of rates; {ERROR_RATE}{name.removeprefix(prefix)} is its error")
             return found
-    for named in (trajectory.reactions, trajectory.controls):
-        if name in named:
-            return named[name]
+    if kind_of(name) not in ("a coordinate", "an energy"):
+        for named in (trajectory.reactions, trajectory.controls):
+            if name in named:
+                return named[name]
     try:
         return trajectory[name]
     except VlmbError as error:

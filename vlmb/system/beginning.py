@@ -34,8 +34,10 @@ def beginning(system: System, t0: float, closed: Collection[str] = ()) -> System
 def start_in_phase(system: System, t0: float) -> Start:
     """Make a consistent start, with the programmes that act where its contacts are closed."""
     start, scene = consistent_start(beginning(system, t0), t0), system.mechanism.scene
+    if not goes_by_phase(scene):
+        return start
     view = StateView(system.mechanism, t0, system.mechanism.postures(start.state), start.branch, start.state)
-    closed = touching(system, view) if goes_by_phase(scene) else frozenset()
+    closed = touching(system, view)
     if acting(scene, closed)[0] == acting(scene, ())[0]:
         return start
     return consistent_start(beginning(system, t0, closed), t0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,14 +65,18 @@ class CoreEngine:
         self.size = plan.positions + plan.velocities + int(plan.plant.size[0])
         self.memory = make_memory(plan.plant, plan.arrays.given, len(inputs))
         self.reader = None if control is None else ControlReader(control, inputs)
-        self.branch = self.start = np.zeros(len(mechanism.layout.names))
+        self.branch = self.start = np.zeros(0)  # coordinates near which angles are read, now and at the start: see `take_branch`
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
         self.branches: list[Array] = []  # and the coordinates near which it read angles
         self.errors: list[VlmbError] = []  # of the control, since the last accepted step
-        self.single = make_driver("euler", self.size, directions=np.zeros(len(plan.events)))  # for single questions
         self.dependent = next((k for k, event in enumerate(plan.events) if event.kind == DEPENDENT), -1)
         self.look_at(LOOKED_AT[0])
         self.programme, self.grip = plan.programme, 0.0  # smallest singular value of G at the first accepted state
+
+    @cached_property
+    def single(self) -> Driver:
+        """The driver of single questions."""
+        return make_driver("euler", self.size, directions=np.zeros(len(self.plan.events)))
 
     @property
     def first_slice(self) -> int:
@@ -87,11 +92,13 @@ class CoreEngine:
         """Return y for Pinocchio's state, with no work done."""
         return np.concatenate([self.plan.arrays.pack(state.q, state.v), np.zeros(int(self.plan.plant.size[0]))])
 
-    def take_branch(self, coordinates: Array) -> None:
+    def take_branch(self, coordinates: Sequence[float] | Array) -> None:
         """Read angles near these coordinates (N,) from now on."""
         self.branch = self.start = np.array(coordinates)
-        self.memory.reference[:] = self.plan.table.reference(coordinates)
-        self.memory.near[:] = self.plan.spring_angles(coordinates)
+        if len(self.memory.reference):
+            self.memory.reference[:] = self.plan.table.reference(self.start)
+        if len(self.memory.near):
+            self.memory.near[:] = self.plan.spring_angles(self.start)
 
     def run(self, driver: Driver, bounds: Array, h_max: float) -> int:
         """Go on to the next thing that only the caller can answer: see the codes of `vlmb.core.driver`."""
@@ -170,11 +177,12 @@ class CoreEngine:
 
     def stored(self, t: Array, states: Array) -> Array:
         """Return the samples as a trajectory stores them: velocities on the knife edge where they are projected."""
+        if not self.plan.projected:
+            return states
         found, dy = np.array(states), np.zeros(self.size)
-        if self.plan.projected:
-            for time, y in zip(t.tolist(), found, strict=True):
-                if onto_edge(self.plan.plant, self.memory, time, y, dy) == 0:
-                    y[:] = self.memory.rows.state[PROJECTION]
+        for time, y in zip(t.tolist(), found, strict=True):
+            if onto_edge(self.plan.plant, self.memory, time, y, dy) == 0:
+                y[:] = self.memory.rows.state[PROJECTION]
         return found
 
     def sampled(self, t: Array, states: Array) -> tuple[Array, Array]:

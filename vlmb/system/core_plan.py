@@ -19,6 +19,7 @@ from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
+from vlmb.model.frozen import copied
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
 from vlmb.model.quantities import QuantityTable, allowed_names
@@ -87,8 +88,9 @@ class CorePlan:
 
     def with_numbers(self, mechanism: Mechanism) -> CorePlan:
         """Return this plan for a mechanism that differs in its start and in the springs of its segments alone."""
+        self.reads_angles  # noqa: B018 - found once, for all of these
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
-        return replace(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
+        return copied(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
 
     def placed(self, contacts: PhaseContacts) -> CorePlan:
         """Return this plan with the contacts of its phase at other places."""
@@ -153,7 +155,7 @@ class CorePlan:
         """Return where every point is at the samples t (N,), states (N, ny)."""
         moving = states[:, : self.positions + self.velocities]
         if not len(self.plant.driven):
-            return self.arrays.postures(moving, np.broadcast_to(self.arrays.given, (len(t), *self.arrays.given.shape)))
+            return self.arrays.postures(moving, self.arrays.given)
         return self.arrays.postures(moving, self.given_at(make_memory(self.plant, self.arrays.given), t))
 
 

@@ -36,14 +36,19 @@ def in_degrees(scene: Scene, names: Names) -> list[str]:
     return [
         f"{key} is {value / math.tau:.3g} turns: angles are in radians, and {value:g} degrees are {math.radians(value):.4g}"
         for key, value in _angles(scene, names)
-        if abs(value) > math.tau and (value.is_integer() or (abs(value) > DECIMAL and round(value, 1) == value))
+        if _looks_like_degrees(value)
     ]
 
 
+def _looks_like_degrees(value: float) -> bool:
+    """Whether a number is of more than a turn, and whole, or has one decimal."""
+    return abs(value) > math.tau and (value.is_integer() or (abs(value) > DECIMAL and round(value, 1) == value))
+
+
 def _angles(scene: Scene, names: Names) -> Iterator[tuple[str, float]]:
-    """Yield the angles that a scene gives as numbers, each with what it is called."""
+    """Yield the angles that a scene gives as numbers, each with what it is called; of the start those that look like degrees."""
     for name, value in scene.start.items():
-        if _is_angle(names, name):
+        if _looks_like_degrees(float(value)) and _is_angle(names, name):
             yield f"start.{name} = {value:g}", float(value)
     for text in (*scene.constraints, *(text for _, programme in programmes_of(scene) for text in programme.constraints)):
         yield from _of_row(scene, names, text)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.forces import Control
 from vlmb.system.pinocchio_engine import PinocchioEngine
@@ -20,7 +18,7 @@ def make_engine(
         return system.mover(system, branch, control)
     if (engine or system.engine) == "core":
         made = CoreEngine(system.mechanism, system.core_plan, control, system.forces.inputs or ())
-        made.take_branch(np.array(branch))
+        made.take_branch(branch)
         return made
     return PinocchioEngine(system, control, branch)
 

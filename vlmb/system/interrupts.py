@@ -11,6 +11,8 @@ import contextlib
 import signal
 import threading
 import time
+from _signal import default_int_handler, getsignal  # type: ignore[import-not-found]  # `signal` looks up a name for every answer
+from _signal import signal as handle
 from collections.abc import Iterator
 from types import FrameType
 
@@ -32,18 +34,18 @@ def held() -> Iterator[None]:
         yield
         return
     depth = _depth
-    ours = [number for number in SIGNALS if signal.getsignal(number) is signal.default_int_handler]
+    ours = [number for number in SIGNALS if getsignal(number) is default_int_handler]
     try:
         _depth = depth + 1
         for number in ours:
-            signal.signal(number, _note)
+            handle(number, _note)
         yield
     finally:
         try:
             if ours:
                 _forget()
             for number in ours:
-                signal.signal(number, signal.default_int_handler)
+                handle(number, default_int_handler)
         finally:
             _depth = depth
 

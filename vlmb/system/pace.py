@@ -24,8 +24,7 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     Within a step h every part of a law that depends on time alone has h^2 max|f''| <= the range of f over the run. What depends
     on the state is the business of the method.
     """
-    signals = signals_of(scene)
-    roots = [root for root in laws_of(scene) if root.names & {"t", *signals}]
+    signals, roots = signals_of(scene), timed_laws(scene)
     # a length or a row brings in the second derivative of what it names: that is followed as well
     bends = {f"{column.name}_ddot" for root in roots for column in signals.read_by(root.names)}
     roots += [parse(name, "data") for name in sorted(bends)]
@@ -46,6 +45,12 @@ def longest_steps(scene: Scene, begin: float, end: float) -> Array:
     if until < end:  # too fast from here on to be known
         found = np.vstack([found, [until, end, found[-1, 2]]])
     return np.ascontiguousarray(found)
+
+
+def timed_laws(scene: Scene) -> list[Expression | Equation]:
+    """List the laws and equations that go by the time, or by measured data."""
+    own = {"t", *signals_of(scene)}
+    return [root for root in laws_of(scene) if root.names & own]
 
 
 def watched(bounds: Array, scene: Scene, begin: float, end: float, asked: bool) -> Array:

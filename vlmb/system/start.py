@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
+from vlmb.model.coordinates import make_state
 from vlmb.model.layout import Layout, State, segment_of
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import counted
@@ -52,7 +53,7 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     mechanism = system.mechanism
     layout, given = mechanism.layout, given_values(mechanism)
     followed = {at.name for at in system.prescribed}
-    _refuse_unknown(mechanism, followed)
+    _refuse_unknown(mechanism, given, followed)
     coordinates: dict[str, float] = {}
     for coordinate in layout.coordinates:
         if coordinate.kind == "xi":
@@ -82,7 +83,7 @@ def consistent_start(system: System, t0: float = 0.0) -> Start:
     rank = max((rank_of(system, entry, coordinates, rates) for entry in sets if entry.ideal), default=0)
     if rank < count:
         adjustments.append(f"constraints: {count} equations, {rank} of them independent at the start; the least reactions serve")
-    return Start(mechanism.state(coordinates, rates), coordinates, rates, tuple(adjustments), rank, frozenset(followed))
+    return Start(make_state(layout, coordinates, rates), coordinates, rates, tuple(adjustments), rank, frozenset(followed))
 
 
 def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rates: dict[str, float]) -> list[str]:
@@ -103,8 +104,8 @@ def _along_the_ski(layout: Layout, given: dict[str, float], heading: float, rate
     return []
 
 
-def _refuse_unknown(mechanism: Mechanism, followed: set[str]) -> None:
-    layout, given, valid = mechanism.layout, given_values(mechanism), mechanism.names.known
+def _refuse_unknown(mechanism: Mechanism, given: dict[str, float], followed: set[str]) -> None:
+    layout, valid = mechanism.layout, mechanism.names.known
     for name in given:
         if name not in valid:
             hint = " (with plane = true a link has no azimuth)" if layout.plane and name.startswith("phi") else ""

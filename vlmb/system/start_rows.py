@@ -31,12 +31,11 @@ def given_values(mechanism: Mechanism) -> dict[str, float]:
 
 def row_sets(system: System, t: float = 0.0) -> list[RowSet]:
     """Return the rows of a scene that a start at t [s] is to meet: the ideal ones, then those of its programme."""
-    scene, frames = system.mechanism.scene, LinkFrames(system.mechanism)
-    programme = programme_at(scene)
-    ideal, servo = len(scene.constraints), len(programme.constraints) if programme else 0
-    rows = system.constraints
+    scene, rows = system.mechanism.scene, system.constraints
     if rows is None:
         return []
+    programme, frames = programme_at(scene), LinkFrames(system.mechanism)
+    ideal, servo = len(scene.constraints), len(programme.constraints) if programme else 0
     made = [RowSet(rows, frames, range(ideal), True, t), RowSet(rows, frames, range(ideal, ideal + servo), False, t)]
     return [entry for entry in made if entry.numbers]
 

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.errors import SceneError, nearest
+from vlmb.model.frozen import copied
 from vlmb.model.laws import breaks_within
 from vlmb.model.layout import SegmentIndex
 from vlmb.model.mechanism import Mechanism
 from vlmb.scene.by_phase import goes_by_phase, numbers_of, programme_at, programmes_of
 from vlmb.scene.expressions import Expression
 from vlmb.scene.names import listed
+from vlmb.scene.renumbered import differ_in_numbers
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run, Segment
@@ -28,6 +30,7 @@ from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, phase_sce
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.forces import AppliedForces, Control, applied_forces
 from vlmb.system.gains import require_decay
+from vlmb.system.pace import timed_laws
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, control_channels, make_plan
 from vlmb.system.programme_rows import read_rows
@@ -91,21 +94,20 @@ class System:
 
     def with_run(self, run: Run) -> System:
         """Return this system with a run of the same equations: nothing is compiled again."""
-        made, own = dataclasses.replace(self, run=run), {field.name for field in dataclasses.fields(self)}
-        made.__dict__.update({name: value for name, value in self.__dict__.items() if name not in own})
-        return made
+        return copied(self, run=run)
 
     def with_inputs(self, names: Sequence[str]) -> System:
         """Return this system with forces from outside, by name; nothing is compiled again."""
         return dataclasses.replace(self, forces=applied_forces(self.mechanism, names))
 
-    def with_numbers(self, scene: Scene) -> System:
-        """Return this system with a scene that `renumbered` made of its own: nothing is compiled again."""
-        mechanism = self.with_scene(scene)
-        made = dataclasses.replace(self, mechanism=mechanism, segments=tuple(free_segments(mechanism)))
-        made.__dict__["core_plan"] = self.core_plan.with_numbers(mechanism)
-        for name in ("work_names", "reads_angles", "angled"):
-            made.__dict__[name] = getattr(self, name)
+    def with_numbers(self, mechanism: Mechanism) -> System:
+        """Return this system for a mechanism whose scene differs in numbers: nothing is compiled again. For the core."""
+        for name in ("timed", "work_names", "points", "reads_angles", "angled"):  # they are found once, for all of these
+            getattr(self, name)
+        plan, segments = self.core_plan.with_numbers(mechanism), tuple(free_segments(mechanism))
+        made = copied(self, mechanism=mechanism, segments=segments, core_plan=plan)
+        for name in ("watch_plan", "of_phases"):  # what has such numbers
+            made.__dict__.pop(name, None)
         return made
 
     @property
@@ -161,9 +163,7 @@ class System:
 
     def with_scene(self, scene: Scene) -> Mechanism:
         """Return the mechanism with a scene whose links are those of this one."""
-        made = dataclasses.replace(self.mechanism, scene=scene)
-        made.__dict__.update({name: value for name, value in self.mechanism.__dict__.items() if name in ("model", "names")})
-        return made
+        return copied(self.mechanism, scene=scene)
 
     def phase(
         self, footings: Sequence[Footing], bare: bool = False, began: float = 0.0, closed: Collection[str] | None = None
@@ -174,6 +174,11 @@ class System:
         contacts = PhaseContacts(self.points, tuple(footings), len(scene.constraints), self.work_names, began)
         system = make_system(made, self.run, None if bare else self.forces.inputs, contacts)
         return dataclasses.replace(system, until=None if bare else self.until, ends_at=self.ends_at)
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether a law or an equation goes by the time."""
+        return bool(timed_laws(self.mechanism.scene))
 
     @property
     def size(self) -> int:
@@ -230,7 +235,8 @@ class System:
 
     def breaks(self, start: float, end: float) -> set[float]:
         """Return the times in [start, end] where a law, an equation or a gain switches. Raises SceneError for too many."""
-        return set().union(*(breaks_within(made.breaks, start, end) for made in (self.forces, self.constraints) if made))
+        acting = (self.forces if self.forces.channels else None, self.constraints)
+        return set().union(*(breaks_within(made.breaks, start, end) for made in acting if made))
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
@@ -256,14 +262,31 @@ def make_system(
     return _compiled(mechanism, run, inputs, contacts)
 
 
+def known_mechanism(scene: object) -> Mechanism | None:
+    """Return the mechanism of a scene that differs from those of the last runs in numbers alone; None for another."""
+    if not isinstance(scene, Scene):
+        return None
+    for made, _ in _made:
+        if made.mechanism.scene is scene:
+            return made.mechanism
+    akin = next((made for made, _ in _made if differ_in_numbers(made.mechanism.scene, scene)), None)
+    return None if akin is None else akin.with_scene(scene)
+
+
 def _shared(mechanism: Mechanism, run: Run) -> System:
-    """Return a system made before of the same mechanism and equations, with other options of its march; else a new one."""
+    """Return a system made before of the same mechanism and equations, with other options of its march; else a new one.
+
+    It is compiled again only where the scene differs from others before in more than numbers.
+    """
     global _made
     alone = msgspec.structs.replace(run, **OF_THE_MARCH)
-    for made, equations in _made:
-        if made.mechanism is mechanism and equations == alone:
+    before = [made for made, equations in _made if equations == alone]
+    for made in before:
+        if made.mechanism is mechanism:
             return made.with_run(run)
-    system = _compiled(mechanism, run)
+    ran = [made for made in before if "core_plan" in made.__dict__ and made.engine == "core"]
+    akin = next((made for made in ran if differ_in_numbers(made.mechanism.scene, mechanism.scene)), None)
+    system = _compiled(mechanism, run) if akin is None else akin.with_run(run).with_numbers(mechanism)
     _made = ((system, alone), *_made[: RECENT - 1])
     return system
 
