@@ -72,6 +72,11 @@ class LegPoint(ContactPoint):
         """Return how it stands, as events tell it: held or open."""
         return HELD if self.closed(footing) else OPEN
 
+    @property
+    def plain(self) -> None:
+        """None: its surface is where its foot has it."""
+        return None
+
     def slope(self, t: float, place: Array, footing: Footing) -> Array:
         """Return the unit vector (3,) from its foot to its point at a place."""
         away = np.asarray(place) - np.array(footing.place)

@@ -12,6 +12,7 @@ from vlmb.model.tape import Leaf, compile_tape
 from vlmb.scene.by_phase import numbers_of, programmes_of
 from vlmb.scene.expressions import Equation, Expression, Tree, parse, parse_equation
 from vlmb.scene.legs import law_text
+from vlmb.scene.names import PHASE_START
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 
@@ -73,6 +74,11 @@ def _always(tree: Tree) -> set[str]:
     if op in ("name", "number"):
         return {rest[0]} if op == "name" else set()
     return set().union(*(_always(part) for part in (rest[:1] if op == "where" else rest)))
+
+
+def names_phase_time(scene: Scene) -> bool:
+    """Whether a law or an equation of a scene names `phase_t`."""
+    return any(PHASE_START in root.names for root in laws_of(scene))
 
 
 def laws_of(scene: Scene) -> list[Expression | Equation]:

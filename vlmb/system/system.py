@@ -28,6 +28,7 @@ from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, phase_sce
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.forces import AppliedForces, Control, applied_forces
 from vlmb.system.gains import require_decay
+from vlmb.system.pace import names_phase_time
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, control_channels, make_plan
 from vlmb.system.programme_rows import read_rows
@@ -145,6 +146,11 @@ class System:
     def points(self) -> tuple[ContactPoint, ...]:
         """The contacts of the scene, then its legs, then stops of lengths."""
         return all_points(self.mechanism)
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether a law or an equation goes by the time since a phase began."""
+        return bool(self.points) and names_phase_time(self.mechanism.scene)
 
     @cached_property
     def of_phases(self) -> OfPhases:
