@@ -269,12 +269,14 @@ class PhasedRun(LegSteps):
 
         The phase in which it holds shows by its own forces that it goes on: no mode sticks more. A control is not asked here.
         """
-        planting = [point for point in self.points if point.plants and not (point.smooth or point.contact.when)]
-        if len(planting) != 1 or self.legs or self.control is not None or not self.systems.kept:
+        planting = [point for point in self.points if point.plants]
+        if len(planting) != 1 or self.control is not None or not self.systems.kept or self.legs:
             return None
-        (point,), layout, first = planting, self.system.mechanism.layout, self.system.core_plan.positions
-        place = np.array([self.branch[layout.index[name]] if name else 0.0 for name in point.names])
-        if abs(point.gap(self.t, place)) > NEAR_AT_START or math.hypot(*self.y[first : first + 3].tolist()) > STILL:
+        (point,), index, first = planting, self.system.mechanism.layout.index, self.system.core_plan.positions
+        if point.smooth or point.contact.when or math.hypot(*self.y[first : first + 3].tolist()) > STILL:
+            return None
+        place = np.array([self.branch[index[name]] if name else 0.0 for name in point.names])
+        if abs(point.gap(self.t, place)) > NEAR_AT_START:
             return None
         footings = _with((Footing(),) * len(self.points), point.index, point.footing_at(HELD, self.t, place, self.plane))
         try:
@@ -282,9 +284,10 @@ class PhasedRun(LegSteps):
             look = mover.look_at_contacts(self.t, self.y)
         except VlmbError:
             return None  # other modes are looked for
-        others = [self._gap(other, jet) for other, jet in zip(self.points, look.jets, strict=True) if other is not point]
+        if any(self._gap(other, look.jets[other.index]) <= NEAR_AT_START for other in self.points if other is not point):
+            return None
         jet = look.jets[point.index]
-        if min(others, default=np.inf) <= NEAR_AT_START or jet[3, 1] < 0.0 or any(jet[:3, 0] != place):
+        if jet[3, 1] < 0.0 or jet[:3, 0].tolist() != place.tolist():
             return None
         *across, push = (point.frame(self.t, place, self.plane, footings[point.index])[0] @ look.ground).tolist()
         if not (push > LIGHT * self.weight and math.hypot(*across) < SURE * point.at_rest * push):

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from vlmb.core.contacts import SLOW
 from vlmb.errors import SceneError
-from vlmb.model.coordinates import cross
-from vlmb.model.frozen import read_only
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.by_phase import acts, is_conditional, programme_at
@@ -32,10 +30,9 @@ from vlmb.scene.scene import Scene, with_values
 from vlmb.scene.tables import BASE, Contact, Force
 from vlmb.system.events import Event
 from vlmb.system.ski_contact import Edge, Heading
-from vlmb.system.surface import Surface
+from vlmb.system.surface import ACROSS_PLAIN, OF_PLAIN, PLAIN, UNIT, ZERO, Surface, Vector, axes_at, vector
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 # AWAY: open, and blind until its gap has been positive; STANDING: a leg whose spring pushes, which no row holds
 # RESTING: closed, and carries nothing, since others hold it where it is
@@ -46,9 +43,6 @@ ROUNDED = 1e-14  # [m] what rounding makes of a gap: one that opens at a speed o
 STILL = 1e-9  # [m/s] a speed that counts as none
 TURNING = 10.0 * SLOW  # [m/s] the speed of a contact at a right angle to where it slid, with which it turns and does not stop
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
-ZERO: Vector = (0.0, 0.0, 0.0)
-PLAIN = {"x": 0, "y": 1, "z": 2}  # surfaces whose rows across are coordinates of the point
-UNIT = read_only(np.eye(3))
 
 
 class Footing(NamedTuple):
@@ -149,7 +143,7 @@ class ContactPoint:
         """Whether its surface moves, and may do work."""
         return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
 
-    @property
+    @cached_property
     def plants(self) -> bool:
         """Whether it holds the point of a free base where it is once it holds."""
         return self.shares and self.edge is None and self.contact.point == BASE and not self.moving
@@ -249,12 +243,11 @@ class ContactPoint:
         self, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO, before: Footing | None = None
     ) -> Footing:
         """Return the footing of a contact that closes, or goes on, at a place [m]; `before`: what it was."""
-        if self.plain is None:
-            across = self.frame(t, place, plane, before or Footing())[0]
-        else:  # as its rows have them
-            across = UNIT[[2 - self.plain, 1] if plane else [axis for axis in range(3) if axis != self.plain]]
-        x, first, second = (tuple(map(float, values)) for values in (place, *across[:2]))
-        return Footing(state, x, first, second, t, 0.0, towards, state == HELD and self.plants)  # type: ignore[arg-type]
+        if self.plain is not None:
+            first, second = ACROSS_PLAIN[self.plain, plane]
+        else:
+            first, second, _ = map(vector, self.frame(t, place, plane, before or Footing())[0])
+        return Footing(state, vector(place), first, second, t, 0.0, towards, state == HELD and self.plants)
 
     def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""
@@ -277,20 +270,6 @@ class ContactPoint:
         if footing.state != HELD:
             return slope[None]
         return np.vstack([slope[None], np.array([footing.first, footing.second][: 1 + all(self.names)])])
-
-
-def axes_at(normal: Array, plane: bool) -> Array:
-    """Return unit vectors (3, 3) as rows, two across a normal, then that itself; in a plane the first is the one in it."""
-    first = cross(UNIT[1 if plane else int(np.argmin(np.abs(normal)))], normal)
-    first /= np.linalg.norm(first)
-    if first[int(np.argmax(np.abs(first)))] < 0.0:
-        first = -first
-    return np.array([first, cross(normal, first), normal])
-
-
-OF_PLAIN = {  # no surface in a plane is across it
-    (axis, plane): read_only(axes_at(UNIT[axis], plane)) for axis in range(3) for plane in (False, True) if axis != 1 or not plane
-}
 
 
 def contact_points(mechanism: Mechanism) -> tuple[ContactPoint, ...]:

@@ -17,7 +17,8 @@ from vlmb.scene.by_phase import keyed, names_forces, numbers_of, programme_at
 from vlmb.scene.expressions import Equation, Expression, Tree, failure, fold, parse_equation, walk
 from vlmb.scene.rows import read_row
 from vlmb.scene.tables import Programme
-from vlmb.system.contacts import PLAIN, PhaseContacts
+from vlmb.system.contacts import PhaseContacts
+from vlmb.system.surface import PLAIN
 
 ZERO: Tree = ("number", 0.0)
 ONE: Tree = ("number", 1.0)
