@@ -34,7 +34,7 @@ class PhaseSystems:
 
     def __init__(self, system: System, engine: str) -> None:
         self.system, self.scene = system, system.mechanism.scene
-        self.timed = system.timed
+        self.timed = system.by_phase_time
         self.kept = engine == "core" and not self.timed
         self.swinging = any("phase_t" in str(leg.attack) for leg in self.scene.legs)  # gaps that go by when a leg let go
         shared = system.of_phases if self.kept else None

@@ -19,7 +19,7 @@ NEAR_AT_START = 1e-6  # [m] a gap that counts as none
 
 def beginning(system: System, t0: float, closed: Collection[str] = ()) -> System:
     """Return the system of a phase that begins at t0 [s], with what acts while these contacts are closed, but not their rows."""
-    if goes_by_phase(system.mechanism.scene) or system.timed:
+    if goes_by_phase(system.mechanism.scene) or system.by_phase_time:
         return system.phase([Footing()] * len(system.points), began=t0, closed=closed)
     return system
 

@@ -76,11 +76,6 @@ def _always(tree: Tree) -> set[str]:
     return set().union(*(_always(part) for part in (rest[:1] if op == "where" else rest)))
 
 
-def names_phase_time(scene: Scene) -> bool:
-    """Whether a law or an equation of a scene names `phase_t`."""
-    return any(PHASE_START in root.names for root in laws_of(scene))
-
-
 def laws_of(scene: Scene) -> list[Expression | Equation]:
     """Read all laws and equations of a scene."""
     found: list[Expression | Equation] = [
@@ -98,3 +93,8 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
     found += [parse_equation(event.when, f"events[{k}].when") for k, event in enumerate(scene.events)]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]
+
+
+def names_phase_time(scene: Scene) -> bool:
+    """Whether a law or an equation of a scene names `phase_t`."""
+    return any(PHASE_START in root.names for root in laws_of(scene))

@@ -182,7 +182,7 @@ class RobotSystem:
         return contact_points(cast(Any, self.mechanism))
 
     @property
-    def timed(self) -> bool:
+    def by_phase_time(self) -> bool:
         """Whether a law or an equation goes by the time since a phase began."""
         return bool(self.points) and names_phase_time(self.mechanism.scene)
 

@@ -148,11 +148,6 @@ class System:
         return all_points(self.mechanism)
 
     @cached_property
-    def timed(self) -> bool:
-        """Whether a law or an equation goes by the time since a phase began."""
-        return bool(self.points) and names_phase_time(self.mechanism.scene)
-
-    @cached_property
     def of_phases(self) -> OfPhases:
         """What its runs have compiled of its phases."""
         return OfPhases({}, {})
@@ -237,6 +232,11 @@ class System:
     def breaks(self, start: float, end: float) -> set[float]:
         """Return the times in [start, end] where a law, an equation or a gain switches. Raises SceneError for too many."""
         return set().union(*(breaks_within(made.breaks, start, end) for made in (self.forces, self.constraints) if made))
+
+    @cached_property
+    def by_phase_time(self) -> bool:
+        """Whether a law or an equation goes by the time since a phase began."""
+        return bool(self.points) and names_phase_time(self.mechanism.scene)
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
