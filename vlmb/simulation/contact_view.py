@@ -55,7 +55,9 @@ class PhaseSystems:
     def probe(self, bare: bool, began: float, closed: Collection[str], footings: Sequence[Footing]) -> Probe:
         """Return what answers for contacts, under what acts while some are closed, and under the springs of legs that stand."""
         pushing = () if bare else tuple(k for k, at in enumerate(footings) if at.state == STANDING)
-        key = bare, None if bare else acting(self.scene, closed), began if self.timed else None, pushing
+        acts = acting(self.scene, closed)
+        bare = bare or (self.kept and not (pushing or any(acts) or self.system.forces.inputs))  # where nothing acts
+        key = bare, None if bare else acts, began if self.timed else None, pushing
         moved = bool(pushing) or self.swinging
         if key not in self.probes or (moved and not self.kept):
             if self.timed:
