@@ -26,6 +26,7 @@ from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
 from vlmb.system.contacts import AWAY, CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, TURNING, ContactPoint, Footing
+from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
 from vlmb.system.forces import Control
@@ -209,7 +210,7 @@ class PhasedRun(LegSteps):
             self.breaks = self._breaks(self.now, self.t, last)
             self.bounds = longest_steps(self.now.mechanism.scene, self.t, last)
         ready, self.ready = self.ready, None
-        return self._mover(footings) if ready is None else ready
+        return make_engine(self.now, self.branch, self.control) if ready is None else ready
 
     def _breaks(self, system: System, start: float, end: float) -> Sequence[float]:
         """Return the times at which what acts in a phase is not smooth."""
