@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 import vlmb
 from tests.simulation.test_phases import balanced, mass, of_kind, rod
 from tests.simulation.walkers import MODELS
+from vlmb.simulation.phased_run import PhasedRun
 from vlmb.simulation.phases_data import phases_as_data, phases_from_data
 from vlmb.system.contacts import HELD, by_rows
 from vlmb.system.engines import make_engine
@@ -232,6 +233,26 @@ def test_run_on_a_foot_at_the_root_lies_beside_one_on_a_pivot(engine, tmp_path):
     older, _ = phases_from_data(kept, ["foot"], len(run.t))
     by_row = dataclasses.replace(run, stretches=older)
     assert not older[0].footings[0].planted and by_row.reactions["foot"] == pytest.approx(run.reactions["foot"], abs=1e-9)
+
+
+@pytest.mark.parametrize(("what", "at_once"), [
+    ({"friction": "rough"}, True), ({"friction": 0.9}, True), ({"friction": 0.2, "friction_static": 0.9}, True),
+    ({"friction": 0.05}, False), ({"friction": 0.0}, False), ({"when": "z_dot <= 0"}, False),
+    ({"surface": "z - 0.1*x"}, True), ({"friction": 0.9, "surface_velocity": [0.1, 0.0, 0.0]}, False), ({"z_dot": 1e-3}, False),
+    ({"z": 0.01}, False), ({"gravity": 0.0}, True), ({"psi1": 1.2, "psi1_dot": 9.0}, False),
+])  # fmt: skip
+def test_foot_at_the_root_that_its_phase_shows_to_hold_starts_as_any_other(what, at_once, monkeypatch):
+    """Where its own forces keep it, nothing else is asked; where they do not, modes are looked for, and the run is the same."""
+    link, start = {"rod": {"length": 0.8, "mass": 3.0}, "tip_mass": 1.0}, {"psi1": -1.2, "phi1_dot": 0.3}
+    start |= {name: what.pop(name) for name in ("z", "z_dot", "psi1", "psi1_dot") if name in what}
+    data = {"gravity": what.pop("gravity", G), "base": {"kind": "free", "mass": 2.0}, "links": [link], "start": start}
+    mechanism = vlmb.build(vlmb.Scene.from_dict({**data, "contacts": [{"name": "foot", "point": "base", **what}]}))
+    run = vlmb.simulate(mechanism, duration=0.3)
+    assert (not run.system.of_phases.probes) == at_once
+    monkeypatch.setattr(PhasedRun, "_planted_at_start", lambda self: None)
+    other = vlmb.simulate(mechanism, duration=0.3)
+    assert run.stretches == other.stretches and run.turns == other.turns and repr(run.events) == repr(other.events)
+    assert run.message == other.message and np.array_equal(run.states, other.states)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

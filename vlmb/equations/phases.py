@@ -20,7 +20,7 @@ from vlmb.model.mechanism import Mechanism
 from vlmb.model.velocity_map import VelocityMap
 from vlmb.scene.rows import rows_of
 from vlmb.system.constraints import ConstraintSet
-from vlmb.system.contacts import HELD, PLAIN, ContactPoint, Footing, by_rows
+from vlmb.system.contacts import HELD, ContactPoint, Footing, by_rows
 from vlmb.system.frames import LinkFrames
 from vlmb.system.ski_point import SkiPoint
 from vlmb.system.system import make_system
@@ -90,7 +90,7 @@ def _axes(point: ContactPoint, size: int) -> list[str]:
     """Name what the rows of a held contact hold."""
     if isinstance(point, SkiPoint):
         return ["normal", "knife_edge"]
-    normal = PLAIN.get(point.contact.surface.strip())
+    normal = point.plain
     if normal is None:
         return ["normal", "across", "aside"][:size]
     return [*"xyz"[normal], *("xyz"[axis] for axis in range(3) if axis != normal and point.names[axis])][:size]

@@ -13,7 +13,6 @@ from vlmb.scene.contacts import condition_of
 from vlmb.scene.expressions import evaluate
 from vlmb.scene.tables import BASE
 from vlmb.simulation.motion import Motion
-from vlmb.system.beginning import goes_by_phase_time
 from vlmb.system.cone import Grip
 from vlmb.system.contacts import CLOSED, STANDING, ContactLook, ContactPoint, Footing
 from vlmb.system.core_engine import CoreEngine
@@ -35,7 +34,7 @@ class PhaseSystems:
 
     def __init__(self, system: System, engine: str) -> None:
         self.system, self.scene = system, system.mechanism.scene
-        self.timed = goes_by_phase_time(system)
+        self.timed = system.by_phase_time
         self.kept = engine == "core" and not self.timed
         self.swinging = any("phase_t" in str(leg.attack) for leg in self.scene.legs)  # gaps that go by when a leg let go
         shared = system.of_phases if self.kept else None
@@ -49,12 +48,16 @@ class PhaseSystems:
         states = tuple(point.mode(at) for point, at in zip(self.system.points, footings, strict=True))
         if states not in self.made:
             self.made[states] = self.system.phase(footings)
-        return self.made[states].placed(footings)
+        made = self.made[states]
+        assert made.contacts is not None
+        return made if made.contacts.footings == tuple(footings) else made.placed(footings)
 
     def probe(self, bare: bool, began: float, closed: Collection[str], footings: Sequence[Footing]) -> Probe:
         """Return what answers for contacts, under what acts while some are closed, and under the springs of legs that stand."""
         pushing = () if bare else tuple(k for k, at in enumerate(footings) if at.state == STANDING)
-        key = bare, None if bare else acting(self.scene, closed), began if self.timed else None, pushing
+        acts = acting(self.scene, closed)
+        bare = bare or (self.kept and not (pushing or any(acts) or self.system.forces.inputs))  # where nothing acts
+        key = bare, None if bare else acts, began if self.timed else None, pushing
         moved = bool(pushing) or self.swinging
         if key not in self.probes or (moved and not self.kept):
             if self.timed:
@@ -81,6 +84,7 @@ class ContactView:
             condition_of(p.contact.when, f"contacts[{p.index}].when") if p.contact.when else None for p in self.points
         ]
         self.known: dict[tuple[Probe, float, bytes, tuple[Footing, ...]], Answers] = {}  # the last ones; keys keep their probes
+        self.read = self.t, self.y.tobytes(), self.branch, self.branch  # what coordinates were read of last, near which, and they
         self.began = start  # of the phase under way
         self.mover: Engine | None = None  # of the phase under way
 
@@ -115,8 +119,12 @@ class ContactView:
 
     def _branch_at(self, y: Array) -> list[float]:
         """Return the coordinates of a state, near those of the last sample."""
-        motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]), self.began)
-        return list(map(float, motion.coordinates[0][0]))
+        t, state, near, found = self.read
+        if near is not self.branch or t != self.t or state != y.tobytes():
+            motion = Motion(self.system, self.system.engine, np.array([self.t]), y[None], np.array([self.branch]), self.began)
+            found = motion.coordinates[0][0].tolist()
+            self.read = self.t, y.tobytes(), self.branch, found
+        return found
 
     def _frame(self, k: int) -> Array:
         """Return the rows across the surface and its normal, (3, 3) or (2, 3) in the plane, where a contact is."""
@@ -157,11 +165,12 @@ class ContactView:
         found, at = {}, len(self.system.mechanism.scene.constraints)
         for point, footing in zip(self.points, footings, strict=True):
             if footing.state in CLOSED:
-                place = look.jets[point.index, :3, 0]
-                h = self._heading() if point.edge is not None else (1.0, 0.0)
-                rows = point.row_vectors(footing, point.slope(self.t, place, footing), h)
-                force = look.ground if footing.planted else look.multipliers[at : at + len(rows)] @ rows
-                at += len(rows)
+                force = look.ground
+                if not footing.planted:
+                    h = self._heading() if point.edge is not None else (1.0, 0.0)
+                    rows = point.row_vectors(footing, point.slope(self.t, look.jets[point.index, :3, 0], footing), h)
+                    force = look.multipliers[at : at + len(rows)] @ rows
+                    at += len(rows)
                 local = self._frame(point.index) @ force
                 flat = np.zeros(2)
                 flat[: len(local) - 1] = local[:-1]

@@ -5,6 +5,7 @@ Each phase is a run of its own, of the system that has the rows of what is close
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -24,7 +25,7 @@ from vlmb.simulation.resting import Strikes
 from vlmb.simulation.samples import Samples, samples_of
 from vlmb.simulation.settling import Outcome
 from vlmb.system.beginning import NEAR_AT_START
-from vlmb.system.contacts import AWAY, CLOSED, LIGHT, OPEN, RESTING, SLIDING, STILL, TURNING, ContactPoint, Footing
+from vlmb.system.contacts import AWAY, CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, TURNING, ContactPoint, Footing
 from vlmb.system.engines import make_engine
 from vlmb.system.events import OPENS, REARMS, SLIPS, TOUCHES
 from vlmb.system.events import Event as Watched
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 
 SLIDES = 1e-6  # [m/s] along rough ground that counts as sliding at a start
 MANY, SPAN = 1000, 0.1  # more events within so many seconds end a run
+SURE = 1.0 - 1e-9  # of what friction may do: so much is surely not too much
 BESIDE = 1e-6  # of what a normal force does to its contact: what is left of it beside Painleve's paradox
 
 
@@ -59,6 +61,7 @@ class PhasedRun(LegSteps):
         self.now: System | None = None  # of the phase under way
         self.switched: list[tuple[float, str]] = []  # the last events of contacts, told or not
         self.begun: tuple[Engine, Loop, tuple[Footing, ...]] | None = None  # the phase under way
+        self.ready: Engine | None = None  # of the first phase, where its start has been looked at in it
         self.strikes, self.halts = Strikes(), Strikes(every=2)
         self.begins = self._at_start()
 
@@ -75,6 +78,8 @@ class PhasedRun(LegSteps):
         """The samples of all phases."""
         if self.begun is not None:
             self._keep(told=True)
+        if len(self.parts) == 1:
+            return self.parts[0]
         single = all(len(part.branch) == 1 for part in self.parts)
         branches = self.parts[0].branch if single else np.vstack([self._branches(part) for part in self.parts])
         t, states, inputs = (np.concatenate([part[k] for part in self.parts]) for k in range(3))
@@ -204,7 +209,8 @@ class PhasedRun(LegSteps):
         if self.t < last and (self.systems.timed or lawful or goes_by_phase(self.systems.scene)):
             self.breaks = self._breaks(self.now, self.t, last)
             self.bounds = longest_steps(self.now.mechanism.scene, self.t, last)
-        return make_engine(self.now, self.branch, self.control)
+        ready, self.ready = self.ready, None
+        return make_engine(self.now, self.branch, self.control) if ready is None else ready
 
     def _breaks(self, system: System, start: float, end: float) -> Sequence[float]:
         """Return the times at which what acts in a phase is not smooth."""
@@ -236,6 +242,9 @@ class PhasedRun(LegSteps):
 
     def _at_start(self) -> Outcome:
         """Find how contacts stand at the start. Raises SceneError for a start under a surface."""
+        planted = self._planted_at_start()
+        if planted is not None:
+            return planted
         found = self._without_forces(self.y)
         footings, near = [], []
         for point, jet in zip(self.points[: len(self.points) - len(self.legs)], found.jets, strict=False):
@@ -255,6 +264,37 @@ class PhasedRun(LegSteps):
         lawful = [point for point in self.legs if footings[point.index].state == SLIDING]
         held, landing = [leg.index for leg in lawful], [leg.index for leg in lawful if leg.leg.foot is None]
         return self._settled(None, tuple(footings), [*near, *held], set(), {}, landing)
+
+    def _planted_at_start(self) -> Outcome | None:
+        """Return how contacts stand where a base rests that the ground holds, and nothing else touches; None anywhere else.
+
+        The phase in which it holds shows by its own forces that it goes on: no mode sticks more. A control is not asked here.
+        """
+        planting = [point for point in self.points if point.plants]
+        if len(planting) != 1 or self.control is not None or not self.systems.kept or self.legs:
+            return None
+        (point,), index, first = planting, self.system.mechanism.layout.index, self.system.core_plan.positions
+        if point.smooth or point.contact.when or math.hypot(*self.y[first : first + 3].tolist()) > STILL:
+            return None
+        place = np.array([self.branch[index[name]] if name else 0.0 for name in point.names])
+        if abs(point.gap(self.t, place)) > NEAR_AT_START:
+            return None
+        footings = _with((Footing(),) * len(self.points), point.index, point.footing_at(HELD, self.t, place, self.plane))
+        try:
+            mover = self._mover(footings)
+            look = mover.look_at_contacts(self.t, self.y)
+        except VlmbError:
+            return None  # other modes are looked for
+        if any(self._gap(other, look.jets[other.index]) <= NEAR_AT_START for other in self.points if other is not point):
+            return None
+        jet = look.jets[point.index]
+        if jet[3, 1] < 0.0 or jet[:3, 0].tolist() != place.tolist():
+            return None
+        *across, push = (point.frame(self.t, place, self.plane, footings[point.index])[0] @ look.ground).tolist()
+        if not (push > LIGHT * self.weight and math.hypot(*across) < SURE * point.at_rest * push):
+            return None
+        self.ready = mover
+        return Outcome(footings, self.y)
 
     def _require_hold(self, point: ContactPoint, jet: Array) -> None:
         """Refuse a start that slides along rough ground: nothing holds it there at once, and nothing lets it slide."""

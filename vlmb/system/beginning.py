@@ -8,25 +8,18 @@ import numpy as np
 
 from vlmb.errors import SceneError
 from vlmb.scene.by_phase import acting, goes_by_phase
-from vlmb.scene.names import PHASE_START
 from vlmb.system.contacts import Footing
 from vlmb.system.forces import StateView
 from vlmb.system.legs import LegPoint
-from vlmb.system.pace import laws_of
 from vlmb.system.start import Start, consistent_start
 from vlmb.system.system import System
 
 NEAR_AT_START = 1e-6  # [m] a gap that counts as none
 
 
-def goes_by_phase_time(system: System) -> bool:
-    """Whether a law or an equation names `phase_t`."""
-    return bool(system.points) and any(PHASE_START in root.names for root in laws_of(system.mechanism.scene))
-
-
 def beginning(system: System, t0: float, closed: Collection[str] = ()) -> System:
     """Return the system of a phase that begins at t0 [s], with what acts while these contacts are closed, but not their rows."""
-    if goes_by_phase(system.mechanism.scene) or goes_by_phase_time(system):
+    if goes_by_phase(system.mechanism.scene) or system.by_phase_time:
         return system.phase([Footing()] * len(system.points), began=t0, closed=closed)
     return system
 

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import msgspec
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from vlmb.core.contacts import SLOW
 from vlmb.errors import SceneError
-from vlmb.model.coordinates import cross
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.by_phase import acts, is_conditional, programme_at
@@ -30,10 +30,9 @@ from vlmb.scene.scene import Scene, with_values
 from vlmb.scene.tables import BASE, Contact, Force
 from vlmb.system.events import Event
 from vlmb.system.ski_contact import Edge, Heading
-from vlmb.system.surface import Surface
+from vlmb.system.surface import ACROSS_PLAIN, OF_PLAIN, PLAIN, UNIT, ZERO, Surface, Vector, axes_at, vector
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 # AWAY: open, and blind until its gap has been positive; STANDING: a leg whose spring pushes, which no row holds
 # RESTING: closed, and carries nothing, since others hold it where it is
@@ -44,8 +43,6 @@ ROUNDED = 1e-14  # [m] what rounding makes of a gap: one that opens at a speed o
 STILL = 1e-9  # [m/s] a speed that counts as none
 TURNING = 10.0 * SLOW  # [m/s] the speed of a contact at a right angle to where it slid, with which it turns and does not stop
 LIGHT = 1e-9  # of the weight: a normal force that counts as none where another has reached 0
-ZERO: Vector = (0.0, 0.0, 0.0)
-PLAIN = {"x": 0, "y": 1, "z": 2}  # surfaces whose rows across are coordinates of the point
 
 
 class Footing(NamedTuple):
@@ -123,6 +120,11 @@ class ContactPoint:
         """What snow holds of a ski; None for any other contact."""
         return None
 
+    @cached_property
+    def plain(self) -> int | None:
+        """Which of x, y and z is its distance from its surface; None where none is."""
+        return PLAIN.get(self.contact.surface.strip())
+
     def slides(self, footing: Footing) -> bool:
         """Whether it slides with friction."""
         return footing.state == SLIDING and self.contact.slips
@@ -140,6 +142,11 @@ class ContactPoint:
     def moving(self) -> bool:
         """Whether its surface moves, and may do work."""
         return any(self.contact.surface_velocity) or "t" in self.surface.expression.names
+
+    @cached_property
+    def plants(self) -> bool:
+        """Whether it holds the point of a free base where it is once it holds."""
+        return self.shares and self.edge is None and self.contact.point == BASE and not self.moving
 
     @property
     def lands(self) -> bool:
@@ -165,22 +172,22 @@ class ContactPoint:
 
     def gap(self, t: float, place: Array) -> float:
         """Return the distance [m] of a place from its surface, below 0 inside."""
-        plain = PLAIN.get(self.contact.surface.strip())
-        if plain is not None:
-            return float(place[plain])
+        if self.plain is not None:
+            return float(place[self.plain])
         value, slope = self.surface.at(t, place)
         return value / max(float(np.linalg.norm(slope)), 1e-300)
 
     def slope(self, t: float, place: Array, footing: Footing) -> Array:
         """Return the gradient (3,) of its surface at a place."""
-        plain = PLAIN.get(self.contact.surface.strip())
-        return self.surface.at(t, place)[1] if plain is None else np.eye(3)[plain]
+        return self.surface.at(t, place)[1] if self.plain is None else UNIT[self.plain]
 
     def steepness(self, t: float, place: Array, footing: Footing) -> tuple[Array, float]:
         """Return the unit normal (3,) of its surface at a place, and the size of its gradient there.
 
         Raises SceneError for a surface without a slope.
         """
+        if self.plain is not None:
+            return UNIT[self.plain], 1.0
         slope = self.slope(t, place, footing)
         size = math.sqrt(slope.dot(slope))
         if not size > 1e-12 or not math.isfinite(size):
@@ -197,13 +204,10 @@ class ContactPoint:
 
         In a plane the first is the one in it. Raises SceneError for a surface without a slope there.
         """
+        if self.plain is not None:
+            return OF_PLAIN[self.plain, plane], 1.0
         normal, size = self.steepness(t, place, footing)
-        other = np.eye(3)[1] if plane else np.eye(3)[int(np.argmin(np.abs(normal)))]
-        first = cross(other, normal)
-        first /= np.linalg.norm(first)
-        if first[int(np.argmax(np.abs(first)))] < 0.0:
-            first = -first
-        return np.array([first, cross(normal, first), normal]), size
+        return axes_at(normal, plane), size
 
     def gap_text(self, footing: Footing) -> str:
         """Return the equation's side that is 0 on the surface, by the mechanism's names."""
@@ -223,9 +227,8 @@ class ContactPoint:
             start = self.parameter(AXES[axis])
             drift = f" - {speed!r}*(t - {since})" if speed else ""
             away.append(f"({name} - {start}{drift})" if name else "")
-        plain = PLAIN.get(self.contact.surface.strip())
-        if plain is not None:
-            across = [axis for axis in range(3) if axis != plain and away[axis]]
+        if self.plain is not None:
+            across = [axis for axis in range(3) if axis != self.plain and away[axis]]
             return (*texts, *(f"{away[axis]} = 0" for axis in across))
         for which in "ab"[: 1 + all(self.names)]:
             shares = [f"{self.parameter(which + AXES[axis])}*{away[axis]}" for axis in range(3) if away[axis]]
@@ -240,15 +243,11 @@ class ContactPoint:
         self, state: str, t: float, place: Array, plane: bool, towards: Vector = ZERO, before: Footing | None = None
     ) -> Footing:
         """Return the footing of a contact that closes, or goes on, at a place [m]; `before`: what it was."""
-        frame, _ = self.frame(t, place, plane, before or Footing())
-        plain = PLAIN.get(self.contact.surface.strip())
-        if plain is not None:  # as its rows have them
-            frame[:2] = [np.eye(3)[axis] for axis in range(3) if axis != plain]
-            if plane:
-                frame[:2] = np.eye(3)[2 - plain], np.eye(3)[1]
-        x, first, second = (tuple(map(float, values)) for values in (place, frame[0], frame[1]))
-        planted = state == HELD and self.shares and self.contact.point == BASE and not self.moving
-        return Footing(state, x, first, second, t, 0.0, towards, planted)  # type: ignore[arg-type]
+        if self.plain is not None:
+            first, second = ACROSS_PLAIN[self.plain, plane]
+        else:
+            first, second, _ = map(vector, self.frame(t, place, plane, before or Footing())[0])
+        return Footing(state, vector(place), first, second, t, 0.0, towards, state == HELD and self.plants)
 
     def let_go(self, t: float, gap: float, before: Footing) -> Footing:
         """Return the footing of a contact that opens with a gap [m]."""

@@ -17,7 +17,8 @@ from vlmb.scene.by_phase import keyed, names_forces, numbers_of, programme_at
 from vlmb.scene.expressions import Equation, Expression, Tree, failure, fold, parse_equation, walk
 from vlmb.scene.rows import read_row
 from vlmb.scene.tables import Programme
-from vlmb.system.contacts import PLAIN, PhaseContacts
+from vlmb.system.contacts import PhaseContacts
+from vlmb.system.surface import PLAIN
 
 ZERO: Tree = ("number", 0.0)
 ONE: Tree = ("number", 1.0)
@@ -52,7 +53,7 @@ def places_of(contacts: PhaseContacts | None) -> dict[tuple[str, int], int]:
     """Return the ideal rows that hold contacts, by name and axis; what slides or rests on others has none but its normal."""
     found = dict[tuple[str, int], int]()
     for point, _, at, count in () if contacts is None else contacts.closed:
-        normal = PLAIN.get(point.contact.surface.strip())
+        normal = point.plain
         if normal is not None and count:
             across = [axis for axis in range(3) if axis != normal and point.names[axis]]
             found |= {(point.name, axis): at + k for k, axis in enumerate([normal, *across][:count])}

@@ -18,10 +18,10 @@ from vlmb.model.names import AXES
 from vlmb.scene.expressions import parse
 from vlmb.scene.legs import Standing, index_of, law_text, place_names, swing_gap_text
 from vlmb.scene.tables import BASE, Contact, Leg
-from vlmb.system.contacts import HELD, LIGHT, OPEN, SLIDING, STANDING, ZERO, ContactPoint, Footing, Look, Vector
+from vlmb.system.contacts import HELD, LIGHT, OPEN, SLIDING, STANDING, ContactPoint, Footing, Look
 from vlmb.system.events import CONTACT, FALLING, LETS_GO, LIMIT, TIPS, Event
 from vlmb.system.ski_contact import Heading
-from vlmb.system.surface import Surface
+from vlmb.system.surface import ZERO, Surface, Vector
 
 Array = NDArray[np.float64]
 
@@ -71,6 +71,11 @@ class LegPoint(ContactPoint):
     def shown(self, footing: Footing) -> str:
         """Return how it stands, as events tell it: held or open."""
         return HELD if self.closed(footing) else OPEN
+
+    @property
+    def plain(self) -> None:
+        """None: its surface is where its foot has it."""
+        return None
 
     def slope(self, t: float, place: Array, footing: Footing) -> Array:
         """Return the unit vector (3,) from its foot to its point at a place."""

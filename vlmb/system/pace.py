@@ -12,6 +12,7 @@ from vlmb.model.tape import Leaf, compile_tape
 from vlmb.scene.by_phase import numbers_of, programmes_of
 from vlmb.scene.expressions import Equation, Expression, Tree, parse, parse_equation
 from vlmb.scene.legs import law_text
+from vlmb.scene.names import PHASE_START
 from vlmb.scene.rows import rows_of
 from vlmb.scene.scene import Scene
 
@@ -97,3 +98,8 @@ def laws_of(scene: Scene) -> list[Expression | Equation]:
     found += [parse_equation(event.when, f"events[{k}].when") for k, event in enumerate(scene.events)]
     rows = rows_of(scene)
     return [*found, *(parse_equation(row.equation, row.key) for row in (*rows.ideal, *rows.servo, *rows.secondary))]
+
+
+def names_phase_time(scene: Scene) -> bool:
+    """Whether a law or an equation of a scene names `phase_t`."""
+    return any(PHASE_START in root.names for root in laws_of(scene))

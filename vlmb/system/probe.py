@@ -7,7 +7,8 @@ after an event and, without forces and a programme, impulses.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 
 from vlmb.model.names import AXES
 from vlmb.scene.tables import BASE
-from vlmb.system.contacts import STANDING, ContactPoint, Footing, PhaseContacts
+from vlmb.system.contacts import STANDING, ContactLook, ContactPoint, Footing, PhaseContacts
+from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import inputs_of, make_engine
+from vlmb.system.pinocchio_engine import PinocchioEngine
 from vlmb.system.programme import total_mass
 from vlmb.system.stops import StopPoint
 from vlmb.system.system import System
@@ -24,12 +27,34 @@ from vlmb.system.system import System
 Array = NDArray[np.float64]
 
 
-class Answers(NamedTuple):
-    """Of all contacts at an instant, without forces of contacts."""
+class Responses(NamedTuple):
+    """What forces and impulses at contacts do."""
 
-    jets: Array  # (contacts, 4, 3) x, y, z of the point and the gap, each with two derivatives
     matrix: Array  # (3 contacts, 3 contacts) [1/kg] accelerations of the points by forces there
     moved: Array  # (velocities and work states, 3 contacts) what a state changes by for an impulse
+
+
+class Answers:
+    """Of all contacts at an instant, without forces of contacts; what forces do there is tried once it is asked for."""
+
+    def __init__(self, jets: Array, responses: Callable[[], Responses]) -> None:
+        self.jets = jets  # (contacts, 4, 3) x, y, z of the point and the gap, each with two derivatives
+        self._try = responses
+
+    @cached_property
+    def responses(self) -> Responses:
+        """What forces and impulses at contacts do."""
+        return self._try()
+
+    @property
+    def matrix(self) -> Array:
+        """Accelerations of the points by forces there (3 contacts, 3 contacts) [1/kg]."""
+        return self.responses.matrix
+
+    @property
+    def moved(self) -> Array:
+        """What a state changes by for an impulse (velocities and work states, 3 contacts)."""
+        return self.responses.moved
 
 
 class Probe:
@@ -74,6 +99,12 @@ class Probe:
         inputs[: self.given] = given
         engine.hold_inputs(inputs)
         free = engine.look_at_contacts(t, state)
+        return Answers(free.jets, lambda: self._responses(engine, t, state, free, inputs, works))
+
+    def _responses(
+        self, engine: CoreEngine | PinocchioEngine, t: float, state: Array, free: ContactLook, inputs: Array, works: int
+    ) -> Responses:
+        """Try each force beside what acts already."""
         count = len(free.jets)
         first, own = engine.velocities, self.room - works
         matrix, moved = np.zeros((3 * count, 3 * count)), np.zeros((first.stop - first.start + works, 3 * count))
@@ -86,7 +117,7 @@ class Probe:
             change = (found.rates - free.rates) / self.push
             moved[:, column] = np.concatenate([change[first], change[first.stop + own :]])
         moved[first.stop - first.start + np.array(self.same, np.intp)] = 0.0
-        return Answers(free.jets, matrix, moved)
+        return Responses(matrix, moved)
 
 
 def unheld(footings: Sequence[Footing], bare: bool) -> tuple[Footing, ...]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vlmb.core import frame_rows
 from vlmb.core.calls import direct
-from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, PLAIN, RESTING, SLIDING, STILL, UNDER, PhaseContacts
+from vlmb.system.contacts import CLOSED, HELD, LIGHT, OPEN, RESTING, SLIDING, STILL, UNDER, PhaseContacts
 from vlmb.system.events import CONTACT, FALLING, OPENS, REARMS, RISING, SLIPS, STICKS, TOUCHES, Event
 from vlmb.system.slips import Slide, Slips, way_of
 
@@ -84,7 +84,7 @@ class RobotContacts(Slips):
         found[:, :3] = self.places_at(q, v)
         found[:, :3, 2] += self.lines_at(q, v) @ vdot
         for point, footing in zip(self.contacts.points, self.contacts.footings, strict=True):
-            plain = PLAIN.get(point.contact.surface.strip())
+            plain = point.plain
             jet = found[point.index]
             jet[3] = point.surface.jet(t, jet[:3]) if plain is None else jet[plain]
             jet[3, 0] -= footing.gap

@@ -33,6 +33,7 @@ from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, always, c
 from vlmb.system.core_rows import gain_table
 from vlmb.system.events import Event, events_of
 from vlmb.system.gains import MovingGains, require_decay
+from vlmb.system.pace import names_phase_time
 from vlmb.system.prescribed import Prescribed, require_inside, require_smooth
 from vlmb.system.programme import ProgrammePlan
 from vlmb.system.readings import form_of_row
@@ -179,6 +180,11 @@ class RobotSystem:
     def points(self) -> tuple[ContactPoint, ...]:
         """The contacts of the scene."""
         return contact_points(cast(Any, self.mechanism))
+
+    @property
+    def by_phase_time(self) -> bool:
+        """Whether a law or an equation goes by the time since a phase began."""
+        return bool(self.points) and names_phase_time(self.mechanism.scene)
 
     def phase(
         self, footings: Sequence[Footing], bare: bool = False, began: float = 0.0, closed: Collection[str] | None = None

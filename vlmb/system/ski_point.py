@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import AXES
 from vlmb.scene.expressions import parse
-from vlmb.system.contacts import HELD, RESTING, SLIDING, ZERO, ContactPoint, Footing, Vector
+from vlmb.system.contacts import HELD, RESTING, SLIDING, ContactPoint, Footing
 from vlmb.system.ski_contact import (
     ALONG_ROW,
     EDGE_ROW,
@@ -23,7 +23,7 @@ from vlmb.system.ski_contact import (
     ski_frame,
     ski_rows,
 )
-from vlmb.system.surface import Surface
+from vlmb.system.surface import ZERO, Surface, Vector
 
 Array = NDArray[np.float64]
 

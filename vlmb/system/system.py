@@ -30,7 +30,7 @@ from vlmb.system.contacts import ContactPoint, Footing, PhaseContacts, phase_sce
 from vlmb.system.core_plan import CorePlan, make_core_plan
 from vlmb.system.forces import AppliedForces, Control, applied_forces
 from vlmb.system.gains import require_decay
-from vlmb.system.pace import timed_laws
+from vlmb.system.pace import names_phase_time, timed_laws
 from vlmb.system.prescribed import Prescribed, prescribed_segments
 from vlmb.system.programme import ProgrammePlan, control_channels, make_plan
 from vlmb.system.programme_rows import read_rows
@@ -237,6 +237,11 @@ class System:
         """Return the times in [start, end] where a law, an equation or a gain switches. Raises SceneError for too many."""
         acting = (self.forces if self.forces.channels else None, self.constraints)
         return set().union(*(breaks_within(made.breaks, start, end) for made in acting if made))
+
+    @cached_property
+    def by_phase_time(self) -> bool:
+        """Whether a law or an equation goes by the time since a phase began."""
+        return bool(self.points) and names_phase_time(self.mechanism.scene)
 
     def is_holonomic(self, text: str) -> bool:
         """Whether a row, by its equation, is one of positions."""
