@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import vlmb
 from tests.small_scenes import SKI, TIGHT, bent, link, scene
@@ -178,6 +179,64 @@ def test_a_standing_ski_slips_where_its_rider_pushes_harder(engine: str) -> None
     np.testing.assert_allclose(found["speed"], 10.0 * later**2 / 80.0, atol=1e-8)
     before = found.t < slips - 1e-6
     np.testing.assert_allclose(found.reactions["friction"][before], -20.0 * found.t[before], atol=1e-6)
+
+
+@engines
+@pytest.mark.parametrize("rate", [7.0, 11.0, 13.0, 17.3, 19.0, 23.1, 29.0, 31.7])
+def test_a_standing_ski_slips_once_however_its_limit_is_rounded(engine: str, rate: float) -> None:
+    """At the instant found for it rounding may still have the ski hold."""
+    made = sleigh(0.05, 0.0).changed(forces=[{"on": "F_x", "law": f"{rate}*t"}])
+    slips = 0.05 * 80.0 * G / rate
+    found = run(made, engine, slips + 1.0)
+    np.testing.assert_allclose(found["speed"], rate * np.maximum(found.t - slips, 0.0) ** 2 / 160.0, atol=1e-8)
+    assert found.stats["steps"] < 100
+
+
+MOST = 0.05 * 80.0 * G
+JUMPS = {
+    "its limit, and more from then on": (f"{MOST!r} + 20*t", lambda t: 0.125 * t**2),
+    "its limit": (f"{MOST!r}", lambda t: 0.0 * t),
+    "no more than its limit": (f"{MOST!r}*sin(t)", lambda t: 0.0 * t),
+    "a jump beyond its limit": ("50*step(t - 1)", lambda t: (50.0 - MOST) / 80.0 * np.maximum(t - 1.0, 0.0)),
+    "a jump from below to beyond": ("where(t < 1, 10, 60)", lambda t: (60.0 - MOST) / 80.0 * np.maximum(t - 1.0, 0.0)),
+}
+
+
+@engines
+@pytest.mark.parametrize("kind", JUMPS)
+def test_a_standing_ski_under_a_force_at_its_limit_or_that_jumps(engine: str, kind: str) -> None:
+    law, speed = JUMPS[kind]
+    found = run(sleigh(0.05, 0.0).changed(forces=[{"on": "F_x", "law": law}]), engine, 3.0)
+    np.testing.assert_allclose(found["speed"], speed(found.t), atol=1e-8)
+    assert found.stats["steps"] < 100
+
+
+@engines
+def test_a_standing_ski_slips_for_a_moment_alone(engine: str) -> None:
+    """Where a force is beyond the limit by a thousandth: m w' = F - mu m g from then on until w = 0."""
+    found = run(sleigh(0.05, 0.0).changed(forces=[{"on": "F_x", "law": f"1.001*{MOST!r}*sin(t)"}]), engine, 3.0)
+    begins, rate = math.asin(1.0 / 1.001), 0.05 * G
+
+    def gone(t: Any) -> Any:
+        return rate * (1.001 * (math.cos(begins) - np.cos(t)) - (t - begins))
+
+    slides = (found.t > begins) & (found.t < float(brentq(gone, math.pi - begins, 2.0)))
+    np.testing.assert_allclose(found["speed"], np.where(slides, gone(found.t), 0.0), atol=1e-9)
+    assert found["speed"].max() > 2e-5
+
+
+@engines
+def test_a_standing_ski_is_let_go_by_a_switch_of_the_state(engine: str) -> None:
+    """A rider who swings pushes the ski as soon as he is past the upright."""
+    rider = {"name": "rider", "rod": {"length": 0.2, "mass": 0.0}, "tip_mass": 1e-6}
+    made = scene(
+        {"kind": "ski", "mass": 80.0, "inertia": 4.0, "friction": 0.05}, [rider], plane=True,
+        start={"psi1": 1.2, "psi1_dot": 20.0}, forces=[{"on": "F_x", "law": "60*step(psi1 - pi/2)"}],
+    )  # fmt: skip
+    found = vlmb.simulate(made, duration=0.1, engine=engine)
+    past = float(found.t[np.argmax(found["psi1"] > 0.5 * math.pi)])
+    assert found.status == "finished" and 0.0 < past < 0.05
+    assert found["speed"][-1] == pytest.approx((60.0 - MOST) / 80.0 * (0.1 - past), abs=0.26 / 60.0)
 
 
 @engines

@@ -72,7 +72,7 @@ from vlmb.core.row_arrays import (
 from vlmb.core.rows import evaluate_switches
 from vlmb.core.scalars import NAN
 from vlmb.core.scratch import GROUND
-from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, SLIDES
+from vlmb.core.sliding import ANSWER, FOUND, FRICTION, MU, NORMAL, PRESS, ROUNDED, SLIDES
 from vlmb.core.springs import follow_springs, line_ups
 from vlmb.core.tree import Array
 from vlmb.core.triples import Vector
@@ -247,7 +247,7 @@ def look_at_ski(plant: Plant, memory: Memory, form: int, y: Array, dy: Array, k:
     if form == STANDS and found[SLIDES] != 0.0:
         out[VALUE, k], out[RATE, k] = y[first], dy[first]
     elif form == SLIPS and found[SLIDES] == 0.0:
-        out[VALUE, k] = mu * found[PRESS] - abs(found[FRICTION])
+        out[VALUE, k] = ROUNDED * mu * found[PRESS] - abs(found[FRICTION])
     elif form == LIFTS:
         out[VALUE, k] = found[NORMAL]
     elif form == YIELDS:

@@ -37,6 +37,7 @@ MU, MASS, PUSH, CARVES = range(4)
 SAVED, FOUND, TRIED = range(3)
 ANSWERS = 3  # that an evaluation takes: without friction, with a force along the ski, with the friction that follows from both
 MODE, FRICTION, NORMAL, ANSWER, SLIDES, PRESS = range(6)
+ROUNDED = 1.0 + 1e-12  # times the most that friction can hold: what is asked of a standing ski within this is rounding
 
 
 @inner

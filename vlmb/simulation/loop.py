@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlmb.core.calls import begin, resume, state_at
+from vlmb.core.calls import begin, state_at
 from vlmb.core.driver import (
     ANSWER,
     AT_START,
@@ -44,6 +44,7 @@ from vlmb.core.locate import Crossing, crossings
 from vlmb.errors import SimulationError, SingularError, VlmbError
 from vlmb.scene.tables import DEFAULT_STEP, Run
 from vlmb.simulation.engine import Engine
+from vlmb.simulation.grips import set_out, take_hold
 from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passage, Passing
@@ -96,10 +97,9 @@ class Loop:
         self.hit: Event | None = None  # of a contact, that ended a phase
         self.happened: list[tuple[float, str, str]] = []  # time, kind and name of what is told
         self.turns: list[Turn] = []  # where it began anew
-        self.passing = Passing(engine)
-        self.told = start  # time that progress was told last
+        self.passing, self.gripped = Passing(engine), -np.inf  # when a ski stopped or slipped last
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
-        self.kept = len(times)  # samples, at most
+        self.told, self.kept = start, len(times)  # time that progress was told last; samples, at most
         self.slides_on, self.again = slides_on, False  # whether a contact has a speed at (t, y); whether this step is begun anew
         refuse_start(engine, start, y)
 
@@ -124,9 +124,7 @@ class Loop:
         """The samples so far; the instant of the event that ended the run is the last; one at least."""
         count = min(int(self.driver.counts[NEXT_SAMPLE]), self.kept)
         t, states = self.driver.times[:count], self.driver.samples[:count]
-        instant = self.extra
-        if instant is None and not count:
-            instant = self.t, np.array(self.driver.point)
+        instant = self.extra or (None if count else (self.t, np.array(self.driver.point)))
         if instant is not None and not (count and t[-1] >= instant[0]):
             t, states = np.append(t, instant[0]), np.vstack([states, instant[1]])
         return Recorded(np.array(t), np.array(states))
@@ -134,7 +132,6 @@ class Loop:
     def run(self) -> tuple[str, str]:
         """Go to the last sample, or to the end of a phase; return a status and a sentence. What user code raises goes through."""
         try:
-            self.engine.settle(self.t, self.driver.point)
             for end in [*(b for b in self.breaks if self.start < b < self.last), self.last]:
                 if self.t != self.start:
                     self.turns.append(Turn(self.t, "a break of a law"))
@@ -160,7 +157,8 @@ class Loop:
         before, after = (gap_at(t, self.breaks, self.last - self.start) for t in (self.t, end))
         inside, until = self.t + before, end - after
         leave(self.engine, self.driver, self.t, before, self.t == self.start)
-        begin(self.driver, min(inside, until), until)
+        inside, side = take_hold(self.engine, self.driver.point, min(inside, until), until)
+        set_out(self.engine, self.driver, inside, until, side)
         if self.t != self.start and self._is_dependent():  # a break on the way through: the event itself has been
             self.t = min(inside, until)
             sentence = self._pass(until)
@@ -319,7 +317,8 @@ class Loop:
             self.switched = [*self.switched[-TOO_MANY:], self.t]
             if not drives_back(self.switched, self.last - self.start):
                 self.turns.append(Turn(self.t, f"the switch {event.name}"))
-                resume(self.driver, self.t, until)
+                self.t, side = take_hold(self.engine, self.driver.point, self.t, until)
+                set_out(self.engine, self.driver, self.t, until, side, resumed=True)
                 return None
             self._end_here()
             return (
@@ -340,10 +339,11 @@ class Loop:
         return event.sentence
 
     def _grip(self, until: float) -> None:
-        """Go on with a ski that has stopped: it stands, or slides back; or with one that begins to slip."""
+        """Go on with a ski that has stopped: it stands, or slides back; or with one that slips."""
         self.driver.point[self.engine.velocities.start] = 0.0
-        self.engine.settle(self.t, self.driver.point)
-        begin(self.driver, self.t, until)
+        self.t, side = take_hold(self.engine, self.driver.point, self.t, until, self.t <= self.gripped)
+        self.gripped = self.t
+        set_out(self.engine, self.driver, self.t, until, side)
 
     def _is_dependent(self) -> bool:
         """Whether ideal rows are worth less than what is to be looked at."""
@@ -357,7 +357,7 @@ class Loop:
             self._end_here()
             return found
         if found is None:
-            begin(driver, self.t, until)
+            set_out(self.engine, driver, self.t, until)
             return None
         return self._along(found, until)
 
@@ -367,7 +367,7 @@ class Loop:
         self.t = float(found.t if crossing is None else crossing.t)
         found.write(driver, self.t)
         if crossing is None:
-            begin(driver, self.t, until)
+            set_out(self.engine, driver, self.t, until)
             return None
         driver.indicators[HIT] = 0.0
         driver.indicators[HIT, crossing.indicator] = crossing.direction

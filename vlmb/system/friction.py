@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.core.sliding import ANSWER, FRICTION, MODE, NORMAL, PRESS, SLIDES, choose
+from vlmb.core.sliding import ANSWER, FRICTION, MODE, NORMAL, PRESS, ROUNDED, SLIDES, choose
 from vlmb.errors import SimulationError
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
@@ -34,6 +34,16 @@ FRICTION_EVENTS = (
 )  # fmt: skip
 
 
+class Grip(NamedTuple):
+    """How friction holds a ski."""
+
+    side: float  # that it slides to; 0 where it stands, nan where there is no friction
+    left: float  # what friction could hold beyond what it does, over the most it can
+
+
+NO_GRIP = Grip(math.nan, math.inf)
+
+
 def refuse_lift(normal: float, answer: float, mu: float) -> None:
     """Raise SimulationError where the snow would have to hold the ski down, or friction is not defined."""
     if not normal >= 0.0:
@@ -48,8 +58,15 @@ def indicators_of(found: Array, mu: float, speed: float, rate: float) -> Array:
     if found[SLIDES]:
         values[:, 0] = speed, rate
     else:
-        values[0, 1] = mu * found[PRESS] - abs(found[FRICTION])
+        values[0, 1] = ROUNDED * mu * found[PRESS] - abs(found[FRICTION])
     return values
+
+
+def grip_of(found: Array, mu: float) -> Grip:
+    """Return how a ski is held, as it came out last."""
+    most = mu * float(found[PRESS])
+    left = (most - abs(float(found[FRICTION]))) / most if most > 0.0 else math.inf
+    return Grip(float(found[SLIDES]), left)
 
 
 class SkiFriction:
@@ -89,10 +106,11 @@ class SkiFriction:
         choose(self.found, self.mu, speed, (n0, e0, a0), more)
         self.force = float(self.found[FRICTION])
 
-    def settle(self) -> None:
+    def settle(self) -> Grip:
         """Let the ski slide or stand from now on as it came out last. Raises SimulationError where the ski would lift."""
         self.found[MODE] = self.found[SLIDES]
         refuse_lift(float(self.found[NORMAL]), float(self.found[ANSWER]), self.mu)
+        return grip_of(self.found, self.mu)
 
     def forget(self) -> None:
         """Let the state say whether the ski slides or stands."""

@@ -33,7 +33,7 @@ from vlmb.system.contacts import ContactLook
 from vlmb.system.core_reading import CoreReading
 from vlmb.system.events import CONTACT, DEPENDENT, GRIP, LIMIT, OPENS, QUIET, SLIPS, STICKS, Event
 from vlmb.system.forces import Control, known_rows
-from vlmb.system.friction import FRICTION_EVENTS, indicators_of
+from vlmb.system.friction import FRICTION_EVENTS, NO_GRIP, Grip, indicators_of
 from vlmb.system.readings import beside_pole
 from vlmb.system.system import System
 from vlmb.system.worth import LOOKED_AT, RowState
@@ -178,13 +178,14 @@ class PinocchioEngine:
         self.seen.real[TIME], self.seen.point[:] = t, self._core_state(y)
         run(self.watch.plant, self.memory, self.seen, bounds, h_max, wanted)
 
-    def settle(self, t: float, y: Array) -> None:
+    def settle(self, t: float, y: Array) -> Grip:
         """Let the ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
         friction = self.workspace.friction
-        if friction is not None:
-            friction.forget()
-            self.workspace.rhs(t, y)
-            friction.settle()
+        if friction is None:
+            return NO_GRIP
+        friction.forget()
+        self.workspace.rhs(t, y)
+        return friction.settle()
 
     def _look_at_ski(self, t: float, y: Array, indicators: Array) -> None:
         """Write the indicators of friction under the ski at (t, y) into rows VALUE and RATE of `indicators`."""
