@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vlmb.core.driver import Driver
 from vlmb.errors import VlmbError
 from vlmb.system.events import Event
-from vlmb.system.friction import Grip
+from vlmb.system.friction import Hold
 from vlmb.system.worth import RowState
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class Engine(Protocol):
         """Where the velocities stand in a state."""
         ...
 
-    def settle(self, t: float, y: Array) -> Grip:
+    def settle(self, t: float, y: Array) -> Hold:
         """Let a ski slide or stand from (t, y) on, as friction has it there."""
         ...
 

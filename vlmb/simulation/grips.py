@@ -24,15 +24,15 @@ def take_hold(engine: Engine, y: Array, t: float, until: float, again: bool = Fa
     """
     size = max(1.0, abs(t))
     t = min(t + FAR * size, until) if again else t
-    grip, hair = engine.settle(t, y), HAIR * size
-    while grip.side == 0.0 and grip.left < AT_LIMIT and hair < FAR * size and t + hair < until:
+    hold, hair = engine.settle(t, y), HAIR * size
+    while hold.side == 0.0 and hold.left < AT_LIMIT and hair < FAR * size and t + hair < until:
         ahead = engine.settle(t + hair, y)
         if ahead.side:
             return t + hair, ahead.side
         hair *= 2.0
     if hair > HAIR * size:
         engine.settle(t, y)
-    return t, grip.side
+    return t, hold.side
 
 
 def set_out(engine: Engine, driver: Driver, t: float, until: float, side: float = 0.0, resumed: bool = False) -> None:

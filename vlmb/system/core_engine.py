@@ -43,7 +43,7 @@ from vlmb.system.core_rows import solved_programme
 from vlmb.system.diagnostics import HUGE
 from vlmb.system.events import DEPENDENT, Event
 from vlmb.system.forces import Control, ControlReader, StateView, known_rows
-from vlmb.system.friction import NO_GRIP, Grip, grip_of, refuse_lift
+from vlmb.system.friction import NO_HOLD, Hold, hold_of, refuse_lift
 from vlmb.system.programme import weakness
 from vlmb.system.readings import beside_pole
 from vlmb.system.worth import LOOKED_AT, RowState
@@ -141,16 +141,16 @@ class CoreEngine:
         self.single.real[TIME], self.single.point[:] = t, y
         return int(run(self.plan.plant, self.memory, self.single, NO_BOUNDS, np.inf, wanted))
 
-    def settle(self, t: float, y: Array) -> Grip:
+    def settle(self, t: float, y: Array) -> Hold:
         """Let the ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
         if not len(self.plan.plant.sliding):
-            return NO_GRIP
+            return NO_HOLD
         found = self.memory.sliding[FOUND]
         found[MODE] = np.nan
         self.evaluate(t, y)
         found[MODE], mu = found[SLIDES], float(self.plan.plant.sliding[MU])
         refuse_lift(float(found[NORMAL]), float(found[ANSWER]), mu)
-        return grip_of(found, mu)
+        return hold_of(found, mu)
 
     def in_line(self, event: Event, t: float, y: Array) -> float:
         """Return the sine of the angle between the two directions of a spring; of one between points its length [m]."""

@@ -34,14 +34,14 @@ FRICTION_EVENTS = (
 )  # fmt: skip
 
 
-class Grip(NamedTuple):
+class Hold(NamedTuple):
     """How friction holds a ski."""
 
     side: float  # that it slides to; 0 where it stands, nan where there is no friction
     left: float  # what friction could hold beyond what it does, over the most it can
 
 
-NO_GRIP = Grip(math.nan, math.inf)
+NO_HOLD = Hold(math.nan, math.inf)
 
 
 def refuse_lift(normal: float, answer: float, mu: float) -> None:
@@ -62,11 +62,11 @@ def indicators_of(found: Array, mu: float, speed: float, rate: float) -> Array:
     return values
 
 
-def grip_of(found: Array, mu: float) -> Grip:
+def hold_of(found: Array, mu: float) -> Hold:
     """Return how a ski is held, as it came out last."""
     most = mu * float(found[PRESS])
     left = (most - abs(float(found[FRICTION]))) / most if most > 0.0 else math.inf
-    return Grip(float(found[SLIDES]), left)
+    return Hold(float(found[SLIDES]), left)
 
 
 class SkiFriction:
@@ -106,11 +106,11 @@ class SkiFriction:
         choose(self.found, self.mu, speed, (n0, e0, a0), more)
         self.force = float(self.found[FRICTION])
 
-    def settle(self) -> Grip:
+    def settle(self) -> Hold:
         """Let the ski slide or stand from now on as it came out last. Raises SimulationError where the ski would lift."""
         self.found[MODE] = self.found[SLIDES]
         refuse_lift(float(self.found[NORMAL]), float(self.found[ANSWER]), self.mu)
-        return grip_of(self.found, self.mu)
+        return hold_of(self.found, self.mu)
 
     def forget(self) -> None:
         """Let the state say whether the ski slides or stands."""

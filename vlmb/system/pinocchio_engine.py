@@ -33,7 +33,7 @@ from vlmb.system.contacts import ContactLook
 from vlmb.system.core_reading import CoreReading
 from vlmb.system.events import CONTACT, DEPENDENT, GRIP, LIMIT, OPENS, QUIET, SLIPS, STICKS, Event
 from vlmb.system.forces import Control, known_rows
-from vlmb.system.friction import FRICTION_EVENTS, NO_GRIP, Grip, indicators_of
+from vlmb.system.friction import FRICTION_EVENTS, NO_HOLD, Hold, indicators_of
 from vlmb.system.readings import beside_pole
 from vlmb.system.system import System
 from vlmb.system.worth import LOOKED_AT, RowState
@@ -178,11 +178,11 @@ class PinocchioEngine:
         self.seen.real[TIME], self.seen.point[:] = t, self._core_state(y)
         run(self.watch.plant, self.memory, self.seen, bounds, h_max, wanted)
 
-    def settle(self, t: float, y: Array) -> Grip:
+    def settle(self, t: float, y: Array) -> Hold:
         """Let the ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
         friction = self.workspace.friction
         if friction is None:
-            return NO_GRIP
+            return NO_HOLD
         friction.forget()
         self.workspace.rhs(t, y)
         return friction.settle()

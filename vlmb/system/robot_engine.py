@@ -34,7 +34,7 @@ from vlmb.scene.by_phase import programmes_of
 from vlmb.system import interrupts
 from vlmb.system.contacts import ContactLook
 from vlmb.system.events import FALLING, LIMIT, Event
-from vlmb.system.friction import FRICTION_EVENTS, NO_GRIP, Grip, indicators_of
+from vlmb.system.friction import FRICTION_EVENTS, NO_HOLD, Hold, indicators_of
 from vlmb.system.robot_programme import NO_LIMIT, effort_limits
 from vlmb.system.robot_system import RobotSystem
 from vlmb.system.robot_workspace import SIDEWAYS, RobotWorkspace
@@ -237,10 +237,10 @@ class RobotEngine:
     def look_at(self, worth: float) -> None:
         """Nothing is looked at more closely."""
 
-    def settle(self, t: float, y: Array) -> Grip:
+    def settle(self, t: float, y: Array) -> Hold:
         """Let a ski slide or stand from (t, y) on, as friction has it there. Raises SimulationError where it would lift."""
         if self.friction is None:
-            return NO_GRIP
+            return NO_HOLD
         self.friction.forget()
         self.evaluate(t, y)
         return self.friction.settle()
