@@ -51,6 +51,7 @@ def test_at_the_pole_an_azimuth_has_no_row_and_no_force_needs_none() -> None:
     table = quantities.make_quantities(shape, [(quantities.AZIMUTH, 0, 0, 0), (quantities.ELEVATION, 0, 0, 0)], [0.0, 0.0])
     near, out, row = np.array([[0.0, 1.5], [0.0, 1.5]]), np.zeros((2, 3)), np.zeros(int(shape.shape[2]))
     assert quantities.measure_these(table, np.arange(2), shape, y, given, near, out) == angles.AT_POLE
+    assert out[1, 0] == pytest.approx(0.5 * math.pi - 1e-7, abs=1e-12)  # what has a value is measured all the same
     assert quantities.add_row(table, 0, shape, y, given, near, 2.0, row) == angles.AT_POLE
     assert quantities.add_row(table, 0, shape, y, given, near, 0.0, row) == angles.FINE and not row.any()
     assert quantities.add_row(table, 1, shape, y, given, near, 1.0, row) == angles.FINE

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST
+from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST, POWERS_OF_TWO
 from vlmb.core.driver import (
     ACCEPTED,
     ATOL,
@@ -44,10 +44,12 @@ from vlmb.core.driver import (
 )
 from vlmb.core.first_step import is_finite
 from vlmb.core.jit import inner
+from vlmb.core.lanes import LANES, by_fours, side_by_side, sum_of
 
 PHI = OWN  # rows PHI + i, i = 1 ... k + 2
 PREDICTED = OWN + 16  # rows of the same differences at the new time, by the predictor
 SCALE = OWN + 30  # row of 1 / (atol + rtol |y|) at the start of the step
+INSIDE = OWN + 31  # row of a state within the step
 ALPHA, BETA, SIGMA, G, W, PSI, NEW_PSI = range(7)  # rows of the table, columns from 1
 G_INSIDE, W_INSIDE = 7, 8  # for the interpolation
 PREDICTION, CORRECTION = 0, 1  # which slope is asked for
@@ -117,18 +119,18 @@ def _make_coefficients(table: Array, h: float, k: int) -> None:
 @inner
 def _predict(driver: Driver, k: int) -> None:
     """y1 = y0 + h sum g_i beta_i phi_i; the i-th difference at the new time is the sum of all beta phi from i on."""
-    rows, table, h = driver.rows, driver.table, driver.real[H]
+    states, table, h = by_fours(driver.rows), driver.table, driver.real[H]
     rtol, atol = driver.real[RTOL], driver.real[ATOL]
-    for j in range(driver.point.shape[0]):
-        rows[SCALE, j] = 1.0 / (atol + rtol * abs(rows[Y, j]))
-        rows[Y_NEW, j] = rows[Y, j]
-        rows[PREDICTED + k + 1, j] = 0.0
-    for i in range(k, 0, -1):
-        beta, weight = table[BETA, i], h * table[G, i]
-        for j in range(driver.point.shape[0]):
-            scaled = beta * rows[PHI + i, j]
-            rows[Y_NEW, j] += weight * scaled
-            rows[PREDICTED + i, j] = rows[PREDICTED + i + 1, j] + scaled
+    for m in range(driver.rows.shape[1] // LANES):
+        states[SCALE, m] = 1.0 / (atol + rtol * abs(states[Y, m]))
+        scaled = table[BETA, k] * states[PHI + k, m]
+        difference, new = scaled, states[Y, m] + (h * table[G, k]) * scaled
+        states[PREDICTED + k, m] = difference
+        for i in range(k - 1, 0, -1):
+            scaled = table[BETA, i] * states[PHI + i, m]
+            difference, new = difference + scaled, new + (h * table[G, i]) * scaled
+            states[PREDICTED + i, m] = difference
+        states[Y_NEW, m] = new
 
 
 @inner
@@ -152,7 +154,8 @@ def _correct(driver: Driver) -> int:
     """y1 + h g_(k+1) (f - predicted f), if the error h (g_k - g_(k+1)) |f - predicted f| is below the tolerance."""
     count, real, rows, table = driver.counts, driver.real, driver.rows, driver.table
     k, h = count[ORDER], real[H]
-    miss, lower, lowest = _norms(rows, driver.slope, k)
+    _keep_slope(driver)
+    miss, lower, lowest = _norms(driver, k)
     lower = h * table[SIGMA, k] * ERROR_CONSTANTS[k - 1] * lower if k > 1 else 0.0
     lowest = h * table[SIGMA, k - 1] * ERROR_CONSTANTS[k - 2] * lowest if k > 2 else 0.0
     error = h * miss * table[SIGMA, k + 1] * ERROR_CONSTANTS[k]
@@ -162,23 +165,31 @@ def _correct(driver: Driver) -> int:
     if not h * miss * (table[G, k] - table[G, k + 1]) <= 1.0:
         return _reject(driver, miss)
     count[REFUSALS] = 0
-    weight = h * table[G, k + 1]
-    for j in range(driver.point.shape[0]):
-        rows[Y_NEW, j] += weight * (driver.slope[j] - rows[PREDICTED + 1, j])
+    states, weight = by_fours(rows), h * table[G, k + 1]
+    for m in range(rows.shape[1] // LANES):
+        states[Y_NEW, m] += weight * (states[F_NEW, m] - states[PREDICTED + 1, m])
     return _ask_new(driver, CORRECTION)
 
 
 @inner
-def _norms(rows: Array, slope: Array, k: int) -> tuple[float, float, float]:
+def _keep_slope(driver: Driver) -> None:
+    """Take the answer into the rows."""
+    for j in range(driver.slope.shape[0]):
+        driver.rows[F_NEW, j] = driver.slope[j]
+
+
+@inner
+def _norms(driver: Driver, k: int) -> tuple[float, float, float]:
     """Norms of what f differs from its prediction, alone and with the predicted k-th and (k-1)-th differences."""
-    total, lower, lowest = 0.0, 0.0, 0.0
-    for j in range(slope.shape[0]):
-        miss, scale = slope[j] - rows[PREDICTED + 1, j], rows[SCALE, j]
-        total += (miss * scale) ** 2
-        lower += ((miss + rows[PREDICTED + k, j]) * scale) ** 2
-        lowest += ((miss + rows[PREDICTED + k - 1, j]) * scale) ** 2  # for k = 1 a row that nobody reads
-    share = 1.0 / slope.shape[0]
-    return math.sqrt(share * total), math.sqrt(share * lower), math.sqrt(share * lowest)
+    states, total = by_fours(driver.rows), side_by_side(0.0, 0.0, 0.0, 0.0)
+    lower, lowest = total, total
+    for m in range(driver.rows.shape[1] // LANES):
+        scale, miss = states[SCALE, m], states[F_NEW, m] - states[PREDICTED + 1, m]
+        one, two, three = miss, miss + states[PREDICTED + k, m], miss + states[PREDICTED + k - 1, m]  # k = 1: nobody reads three
+        one, two, three = one * scale, two * scale, three * scale
+        total, lower, lowest = total + one * one, lower + two * two, lowest + three * three
+    share = 1.0 / driver.slope.shape[0]
+    return math.sqrt(share * sum_of(total)), math.sqrt(share * sum_of(lower)), math.sqrt(share * sum_of(lowest))
 
 
 @inner
@@ -202,16 +213,17 @@ def _reject(driver: Driver, miss: float) -> int:
 @inner
 def _update_differences(driver: Driver) -> None:
     """phi_i at the new time: the predicted ones plus what f differs from its prediction; of order k + 2 that of equal steps."""
-    rows, table, k = driver.rows, driver.table, driver.counts[ORDER]
-    for j in range(driver.point.shape[0]):
-        rows[F_NEW, j] = driver.slope[j]
-        miss = driver.slope[j] - rows[PREDICTED + 1, j]
-        rows[PHI + k + 2, j] = miss - rows[PHI + k + 1, j]
-        rows[PHI + k + 1, j] = miss
+    table, k = driver.table, driver.counts[ORDER]
+    _keep_slope(driver)
     for i in range(1, k + 1):
         table[PSI, i] = table[NEW_PSI, i]
-        for j in range(driver.point.shape[0]):
-            rows[PHI + i, j] = rows[PREDICTED + i, j] + rows[PHI + k + 1, j]
+    states = by_fours(driver.rows)
+    for m in range(driver.rows.shape[1] // LANES):
+        miss = states[F_NEW, m] - states[PREDICTED + 1, m]
+        states[PHI + k + 2, m] = miss - states[PHI + k + 1, m]
+        states[PHI + k + 1, m] = miss
+        for i in range(1, k + 1):
+            states[PHI + i, m] = states[PREDICTED + i, m] + miss
     driver.counts[LAST_ORDER] = k
 
 
@@ -227,7 +239,7 @@ def _choose_next(driver: Driver) -> None:
     elif count[NEXT_ORDER] < k:
         k, error = k - 1, real[ERROR_LOWER]
     elif k + 1 <= count[EQUAL_STEPS]:
-        higher = real[H] * ERROR_CONSTANTS[k + 1] * _norm(driver.rows, PHI + k + 2)
+        higher = real[H] * ERROR_CONSTANTS[k + 1] * _norm(driver, PHI + k + 2)
         if k > 1 and real[ERROR_LOWER] <= min(error, higher):
             k, error = k - 1, real[ERROR_LOWER]
         elif k < HIGHEST and higher < (error if k > 1 else 0.5 * error):
@@ -237,18 +249,19 @@ def _choose_next(driver: Driver) -> None:
 
 
 @inner
-def _norm(rows: Array, row: int) -> float:
+def _norm(driver: Driver, row: int) -> float:
     """Norm of a row over the tolerance."""
-    total = 0.0
-    for j in range(rows.shape[1]):
-        total += (rows[row, j] * rows[SCALE, j]) ** 2
-    return math.sqrt(total / rows.shape[1])
+    states, total = by_fours(driver.rows), side_by_side(0.0, 0.0, 0.0, 0.0)
+    for m in range(driver.rows.shape[1] // LANES):
+        scaled = states[row, m] * states[SCALE, m]
+        total = total + scaled * scaled
+    return math.sqrt(sum_of(total) / driver.slope.shape[0])
 
 
 @inner
 def _factor(error: float, k: int, raising: bool) -> float:
     """Factor of the next step: 2, 1, or at least a half."""
-    if raising or error * 2.0 ** (k + 1) <= 0.5:
+    if raising or error * POWERS_OF_TWO[k + 1] <= 0.5:
         return 2.0
     if error <= 0.5:
         return 1.0
@@ -271,8 +284,11 @@ def interpolate_adams(driver: Driver, t: float, y: Array) -> None:
             table[W_INSIDE, q] = ratio * table[W_INSIDE, q] - share * table[W_INSIDE, q + 1]
         table[G_INSIDE, i] = table[W_INSIDE, 1]
         behind = length
+    states = by_fours(rows)
+    for m in range(rows.shape[1] // LANES):
+        total = table[G_INSIDE, k] * states[PHI + k, m]
+        for i in range(k - 1, 0, -1):
+            total = total + table[G_INSIDE, i] * states[PHI + i, m]
+        states[INSIDE, m] = states[Y_NEW, m] + s * total
     for j in range(y.shape[0]):
-        total = 0.0
-        for i in range(k, 0, -1):
-            total += table[G_INSIDE, i] * rows[PHI + i, j]
-        y[j] = rows[Y_NEW, j] + s * total
+        y[j] = rows[INSIDE, j]

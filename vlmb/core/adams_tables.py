@@ -16,3 +16,4 @@ def _moulton(count: int) -> list[float]:
 
 
 ERROR_CONSTANTS = np.array([0.0, *_moulton(HIGHEST + 1)])  # 0, 1/2, 1/12, 1/24, 19/720, ... by order of the predictor
+POWERS_OF_TWO = 2.0 ** np.arange(HIGHEST + 2)  # by order

@@ -77,7 +77,7 @@ class Driver(NamedTuple):
 
     counts: Integers  # (32 + 2 n,)
     real: Array  # (26,)
-    rows: Array  # (rows of the method, n); of dop853 with zeros up to a multiple of LANES
+    rows: Array  # (rows of the method, n); of dop853 and adams with zeros up to a multiple of LANES
     table: Array  # (12, 16) coefficients that change from step to step
     point: Array  # (n,) y of a request
     slope: Array  # (n,) f of its answer
@@ -109,7 +109,7 @@ def make_driver(
     """
     kind = METHODS[method]
     own_rows = (0, 3, 5, 21, 36, 4 * size + 15)[kind]
-    width = -(-size // LANES) * LANES if kind == DOP853 else size
+    width = -(-size // LANES) * LANES if kind in (DOP853, ADAMS) else size
     wanted = np.zeros(0) if times is None else np.ascontiguousarray(times, dtype=float)
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
     driver = Driver(

@@ -7,7 +7,7 @@ from vlmb.core import tree as of
 from vlmb.core.constraints import add_forces, constrain, project
 from vlmb.core.contacts import add_friction_powers
 from vlmb.core.jit import kernel
-from vlmb.core.links import accelerate
+from vlmb.core.links import accelerate, accelerate_here
 from vlmb.core.plant import (
     ALONG,
     CENTRE,
@@ -78,7 +78,7 @@ def evaluate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array) -> int
     for answer in range(ANSWERS if slides else 1):
         if slides:
             lay_friction(memory, answer, push)
-        code = accelerate(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
+        code = accelerate_here(plant.tree, y, memory.given, memory.force, dy, memory.scratch)
         if code != 0:
             return FROM_LINKS * SOURCES + code
         if held:

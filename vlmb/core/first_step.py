@@ -13,10 +13,16 @@ SHARE, TINY, ORDERS = 0.01, 1e-6, (1, 4, 4, 7, 2, 3)  # of the error estimates, 
 @inner
 def is_finite(values: Array) -> bool:
     """Whether no entry is infinite or not a number."""
-    total = 0.0
-    for j in range(values.shape[0]):
-        total += 0.0 * values[j]  # not a number if any is infinite or none
-    return total == 0.0
+    one, two, three, four = 0.0, 0.0, 0.0, 0.0  # not a number if any is infinite or none; four sums wait less for each other
+    fours = values.shape[0] // 4
+    for j in range(fours):
+        one += 0.0 * values[4 * j]
+        two += 0.0 * values[4 * j + 1]
+        three += 0.0 * values[4 * j + 2]
+        four += 0.0 * values[4 * j + 3]
+    for j in range(4 * fours, values.shape[0]):
+        one += 0.0 * values[j]
+    return one + two + (three + four) == 0.0
 
 
 @inner

@@ -33,6 +33,11 @@ def side_by_side(one: float, two: float, three: float, four: float) -> Any:
     return np.array([one, two, three, four])
 
 
+def sum_of(number: Any) -> float:
+    """Return the sum of the four of a wide number."""
+    return float(number[0] + number[1] + (number[2] + number[3]))
+
+
 def is_zero(number: Any) -> bool:
     """Tell whether a number is 0, of a wide one all four."""
     zero: Any = number == 0.0
@@ -175,6 +180,16 @@ def _declare() -> None:
     infer_global(operator.neg)(type("Wide_neg", (ConcreteTemplate,), {"cases": [signature(number, number)]}))
     lower_builtin(operator.neg, number)(lambda context, builder, call, values: builder.fneg(values[0]))
 
+    @infer_global(abs)
+    class Absolute(ConcreteTemplate):
+        cases = [signature(number, number)]
+
+    @lower_builtin(abs, number)
+    def absolute(context: Any, builder: Any, call: Any, values: Any) -> Any:
+        bits = ir.VectorType(ir.IntType(64), LANES)
+        without_sign = builder.and_(builder.bitcast(values[0], bits), ir.Constant(bits, [2**63 - 1] * LANES))
+        return builder.bitcast(without_sign, vector)
+
     @intrinsic
     def gathered(typing: Any, one: Any, two: Any, three: Any, four: Any) -> Any:
         def make(context: Any, builder: Any, call: Any, values: Any) -> Any:
@@ -188,6 +203,20 @@ def _declare() -> None:
     @overload(side_by_side, strict=False)
     def gathered_numbers(one: Any, two: Any, three: Any, four: Any) -> Any:
         return lambda one, two, three, four: gathered(one, two, three, four)
+
+    @intrinsic
+    def summed(typing: Any, value: Any) -> Any:
+        def make(context: Any, builder: Any, call: Any, values: Any) -> Any:
+            one, two, three, four = (
+                builder.extract_element(values[0], ir.Constant(ir.IntType(32), lane)) for lane in range(LANES)
+            )
+            return builder.fadd(builder.fadd(one, two), builder.fadd(three, four))
+
+        return types.float64(value), make
+
+    @overload(sum_of, strict=False)
+    def sum_of_number(number: Any) -> Any:
+        return (lambda number: summed(number)) if isinstance(number, WideNumber) else None
 
     @intrinsic
     def all_zero(typing: Any, value: Any) -> Any:

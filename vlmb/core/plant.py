@@ -53,6 +53,7 @@ class Plant(NamedTuple):
     driven: Integers  # (m, 4)
     springs: AngleSprings
     watch: Integers  # (e, 2) indicators of events
+    looked: Integers  # (any,) the quantities that they read
     bound: Array  # (e, 2)
     size: Integers  # (4,)
     rows: Rows

@@ -292,12 +292,12 @@ def measure_these(
     quantities: Quantities, these: Integers, tree: Tree, y: Array, given: Array, reference: Array, out: Array
 ) -> int:
     """Measure some quantities into `out` (count, 3); return 0, or code + 3 k of the first k that has no value."""
-    h = places.heading(tree, y)
+    h, missing = places.heading(tree, y), 0
     for k in these:
         code = measure_here(quantities, k, tree, y, h, given, reference, out)
-        if code != FINE:
-            return code + 3 * k
-    return 0
+        if code != FINE and missing == 0:
+            missing = code + 3 * k
+    return missing
 
 
 @kernel

@@ -54,7 +54,7 @@ from vlmb.core.plant import (
     Memory,
     Plant,
 )  # fmt: skip
-from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure, measure_these
+from vlmb.core.quantities import AZIMUTH, ELEVATION, KIND, LINK, add_accelerations, follow, measure_these
 from vlmb.core.row_arrays import SIDE as DET_SIDE
 from vlmb.core.row_arrays import (
     SIDE_BEFORE,
@@ -286,16 +286,16 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
             quantities, used, tree, y, memory.given, memory.reference, dy[first : first + nv], memory.row, memory.measured
         )
         evaluate_switches(plant.tape, memory.buffers, t, plant.parameters, memory.measured, memory.switches)
+    if plant.looked.shape[0] > 0:
+        measure_these(quantities, plant.looked, tree, y, memory.given, memory.reference, memory.measured)
     if plant.springs.pair.shape[0] > 0:
         line_ups(plant.springs, tree, y, memory.lines)
     for k in range(plant.watch.shape[0]):
         form, which = plant.watch[k, FORM], plant.watch[k, WHICH]
         if form == QUANTITY:
-            measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
             out[VALUE, k] = plant.bound[k, SIDE] * (memory.measured[which, 0] - plant.bound[k, BOUND])
             out[RATE, k] = plant.bound[k, SIDE] * memory.measured[which, 1]
         elif form == GROWTH:
-            measure(quantities, which, tree, y, memory.given, memory.reference, memory.measured)
             out[VALUE, k], out[RATE, k] = memory.measured[which, 1], NAN
         elif form in (STANDS, SLIPS, LIFTS, YIELDS):
             look_at_ski(plant, memory, form, y, dy, k, out)
