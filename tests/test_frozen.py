@@ -236,3 +236,21 @@ def test_an_ensemble_in_threads_equals_one_in_a_row_bit_for_bit() -> None:
         together = list(pool.map(motion, range(24)))
     for ours, theirs in zip(together, alone, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_runs_whose_springs_differ_share_a_start_and_others_have_their_own() -> None:
+    scene = vlmb.load_scene("one_link")
+    for changes, psi, xi in (
+        ({"links.0.lower.stiffness": 310.0}, -0.5, 0.3), ({"start.psi1": 0.1}, 0.1, 0.3),
+        ({"links.0.lower.stiffness": 320.0}, -0.5, 0.3), ({"start.xi1_1": 0.35, "links.0.lower.rest": 0.2}, -0.5, 0.35),
+    ):  # fmt: skip
+        run = vlmb.simulate(scene.changed_at(changes), duration=0.05)
+        assert (run["psi1"][0], run["xi1_1"][0]) == pytest.approx((psi, xi), abs=1e-15)
+
+
+def test_a_length_that_follows_a_law_starts_where_the_law_is() -> None:
+    lower = {"motion": "prescribed", "law": "0.3 + 0.1*t"}
+    links = [{"rod": {"length": 0.5, "mass": 1.0}, "lower": lower, "upper": {"length": 0.1}}]
+    scene = vlmb.Scene.from_dict({"base": {"kind": "pivot"}, "links": links})
+    for t0 in (0.0, 1.0, 0.0, 0.5):
+        assert vlmb.simulate(scene, duration=0.05, t0=t0)["xi1_1"][0] == pytest.approx(0.3 + 0.1 * t0, abs=1e-15)

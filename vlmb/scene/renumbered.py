@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -15,6 +16,7 @@ from vlmb.scene.written import Written
 
 SPRING = ("stiffness", "damping", "rest")  # numbers of a free segment that nothing but its spring goes by
 DIFFERENT = ("start", "links")  # keys of scenes that may differ
+_the_same = operator.attrgetter(*(key for key in SceneTables.__struct_fields__ if key not in DIFFERENT))
 
 
 def renumbered(scene: SceneTables, changes: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -49,8 +51,7 @@ def differ_in_numbers(one: SceneTables, other: SceneTables) -> bool:
     """Whether complete scenes differ in nothing but what `renumbered` changes."""
     if len(one.links) != len(other.links):
         return False
-    alike = all(getattr(one, key) == getattr(other, key) for key in one.__struct_fields__ if key not in DIFFERENT)
-    return alike and all(map(_is_renumbered_link, one.links, other.links))
+    return bool(_the_same(one) == _the_same(other)) and all(map(_is_renumbered_link, one.links, other.links))
 
 
 def _is_renumbered_link(old: Link, new: Link) -> bool:

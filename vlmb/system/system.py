@@ -102,7 +102,7 @@ class System:
 
     def with_numbers(self, mechanism: Mechanism) -> System:
         """Return this system for a mechanism whose scene differs in numbers: nothing is compiled again. For the core."""
-        for name in ("timed", "work_names", "points", "reads_angles", "angled"):  # they are found once, for all of these
+        for name in ("timed", "work_names", "points", "reads_angles", "angled", "starts"):  # found once, for all of these
             getattr(self, name)
         plan, segments = self.core_plan.with_numbers(mechanism), tuple(free_segments(mechanism))
         made = copied(self, mechanism=mechanism, segments=segments, core_plan=plan)
@@ -152,6 +152,11 @@ class System:
     def of_phases(self) -> OfPhases:
         """What its runs have compiled of its phases."""
         return OfPhases({}, {})
+
+    @cached_property
+    def starts(self) -> dict[float, tuple[Mapping[str, float], Any]]:
+        """The start that was found last where it goes by [start] alone, with that; by the time."""
+        return {}
 
     def placed(self, footings: Sequence[Footing]) -> System:
         """Return this system of a phase with its contacts at other places: nothing is compiled again. For the core."""
