@@ -32,7 +32,7 @@ PHASED: Table = {
     "contacts": [{"point": "base", "friction": 0.3, "restitution": 0.5}],
     "run": {"duration": 0.15, "rtol": 1e-8, "samples": 10},
 }  # fmt: skip
-SLOW = SHORT | {"name": "slow", "run": {"duration": 40.0, "method": "rk4", "step": 4e-6, "samples": 1000}}
+SLOW = SHORT | {"name": "slow", "run": {"duration": 40.0, "method": "rk4", "step": 1e-6, "samples": 1000}}
 
 
 class Outcome(NamedTuple):

@@ -42,6 +42,7 @@ def test_the_page_shows_what_was_counted() -> None:
 
 @pytest.mark.acceptance
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # between the last line of a `with` and its end
 @pytest.mark.parametrize("what", ["lines", "phases"])
 def test_promises_an_interrupt_at_every_line(
     what: str, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
