@@ -48,6 +48,7 @@ def model(name: str, **changes: Any) -> dict[str, Any]:
 def scenes() -> dict[str, tuple[dict[str, Any], float, dict[str, Any]]]:
     """Scenes, durations [s] and options of `measure`."""
     one = model("one_link")
+    one["run"] = {key: value for key, value in one["run"].items() if key != "method"}  # the default is measured
     return {
         "one link": (one, 5.0, {}),
         "two links": (model("two_links"), 3.0, {}),
