@@ -137,10 +137,12 @@ def start_of(system: System, t0: float = 0.0) -> Start:
         return cast(Start, known[1])
     start = start_in_phase(system, t0)
     held = require_held(system, start, t0)
+    if held:
+        start = start._replace(adjustments=(*start.adjustments, held))
     if alone:
         system.starts.clear()
         system.starts[t0] = given, start
-    return start._replace(adjustments=(*start.adjustments, held)) if held else start
+    return start
 
 
 def _takes_two(function: Callable[..., Any]) -> bool:
