@@ -19,6 +19,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from vlmb.core.lean import lean
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 SOURCES = Path(__file__).parent
@@ -113,38 +115,6 @@ def alone(place: Path) -> Iterator[None]:
             yield
         finally:
             _depth -= 1
-
-
-@contextlib.contextmanager
-def lean() -> Iterator[None]:
-    """Compile without what makes code longer and slower here; numba's lock is to be held, as it reads all this meanwhile.
-
-    Loops here are short: vectorized they take a fifth more of the compiling. And kernels count indices from 0 on; as numba cannot
-    know that, it would add the length of an axis to every index that is negative. The mode with checks of bounds finds those.
-    """
-    import numba
-    from numba.cpython import slicing
-    from numba.np import arrayobj
-
-    settings, indexing, parts = cast(Any, numba.config), cast(Any, arrayobj), cast(Any, slicing)
-    before = settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice
-    settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice = 0, _index, _end
-    try:
-        yield
-    finally:
-        settings.LOOP_VECTORIZE, indexing.fix_integer_index, parts.fix_slice = before
-
-
-def _index(context: Any, builder: Any, kind: Any, index: Any, _: Any) -> Any:
-    """Take an index as it is."""
-    from numba.core import types
-
-    return context.cast(builder, index, kind, types.intp)
-
-
-def _end(builder: Any, part: Any, length: Any) -> None:
-    """Let a part of an array end where the array does, as one without a named end does."""
-    part.stop = builder.select(builder.icmp_signed("<", part.stop, length), part.stop, length)
 
 
 @contextlib.contextmanager
