@@ -75,11 +75,15 @@ def test_what_is_kept_waits_for_nobody_and_the_rest_says_so(script: Path, tmp_pa
 
 NEGATIVE = """
 import numpy as np
-from vlmb.core.jit import kernel
+from vlmb.core.jit import inner, kernel
+
+@inner
+def part(x, i):
+    return x[i]
 
 @kernel
 def entry(x, i):
-    return x[i]
+    return part(x, i)
 
 assert entry(np.arange(3.0), 2) == 2.0
 try:
@@ -108,6 +112,32 @@ def test_what_is_kept_is_loaded_without_what_compiles_and_serves_what_is_compile
     for text in (BEYOND, BEYOND.rsplit("assert", 1)[0]):  # compiled, then loaded itself
         caller.write_text(text, encoding="utf-8")
         assert start(caller, home).communicate() == ("1\n", "")
+
+
+WITHIN = """
+from script import kernel, twice
+from vlmb.core.jit import inner
+
+@inner
+def part(x):
+    return twice(x) + 1.0
+
+@kernel
+def outer(x):
+    return part(x)
+
+print(outer(1.0), twice(3.0), sum(twice.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+def test_a_kept_kernel_that_a_part_of_another_loads_can_be_called(script: Path, tmp_path: Path) -> None:
+    script.write_text(SCRIPT.split("assert")[0], encoding="utf-8")
+    home, caller = tmp_path / "home", tmp_path / "caller.py"
+    caller.write_text("import script\nprint(script.twice(3.0))", encoding="utf-8")
+    assert start(caller, home).communicate()[0] == "6.0\n"
+    caller.write_text(WITHIN, encoding="utf-8")
+    assert start(caller, home).communicate() == ("3.0 6.0 1\n", "")
 
 
 @pytest.mark.parametrize("mode", ["0", "bounds"])

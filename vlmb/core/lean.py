@@ -95,17 +95,20 @@ def _is_equal(flags: Any, others: Any) -> Any:
     return True
 
 
-def _is_part() -> bool:
-    """Say whether what is being compiled is called by kernels only: they hold its code themselves."""
+def _is_part(library: Any) -> bool:
+    """Say whether a library is one that only kernels call, compiled now: they hold its code themselves.
+
+    A kernel that is loaded for a part of another one comes with its machine code.
+    """
     from numba.core.targetconfig import ConfigStack
 
-    return bool(getattr(ConfigStack.top_or_none(), "no_cpython_wrapper", False))
+    return bool(getattr(ConfigStack.top_or_none(), "no_cpython_wrapper", False)) and getattr(library, "_compiled_object", library) is None
 
 
 def _finished(finish: Callable[[Any], None]) -> Callable[[Any], None]:
     def finish_library(library: Any) -> None:
         """Write machine code for kernels; of their parts numba needs no more than the text."""
-        if _is_part():
+        if _is_part(library):
             library._finalize_dynamic_globals()
             library._verify_declare_only_symbols()
             library._finalized = True
@@ -117,8 +120,8 @@ def _finished(finish: Callable[[Any], None]) -> Callable[[Any], None]:
 
 def _with_environment(set_environment: Callable[[Any, str, Any], None]) -> Callable[[Any, str, Any], None]:
     def set_if_there(compiler: Any, name: str, environment: Any) -> None:
-        """Tell machine code where its environment is; a part of kernels has none."""
-        if not _is_part():
+        """Tell machine code where its environment is, if there is machine code."""
+        if compiler._engine.get_global_value_address(name):
             set_environment(compiler, name, environment)
 
     return set_if_there
