@@ -102,7 +102,8 @@ def _is_part(library: Any) -> bool:
     """
     from numba.core.targetconfig import ConfigStack
 
-    return bool(getattr(ConfigStack.top_or_none(), "no_cpython_wrapper", False)) and getattr(library, "_compiled_object", library) is None
+    loaded = getattr(library, "_compiled_object", library) is not None
+    return not loaded and getattr(ConfigStack.top_or_none(), "no_cpython_wrapper", False) is True
 
 
 def _finished(finish: Callable[[Any], None]) -> Callable[[Any], None]:
