@@ -60,7 +60,8 @@ prepare() {
         fi
     done
     say "Installing vlmb with [$extras] into $venv (the first time some hundred MB; minutes on a slow network)"
-    (cd "$root" && "$python" -m pip install -qq --disable-pip-version-check --no-input -e ".[$extras]") ||
+    # without byte code of all of it, which takes as long as the rest: Python makes that of what it imports
+    (cd "$root" && "$python" -m pip install -qq --no-compile --disable-pip-version-check --no-input -e ".[$extras]") ||
         fail "the installation failed; see above. It needs the network."
     printf '%s\n' "$key" >"$venv/.vlmb-$extras"
 }

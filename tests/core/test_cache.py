@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -138,6 +139,25 @@ def test_a_kept_kernel_that_a_part_of_another_loads_can_be_called(script: Path, 
     assert start(caller, home).communicate()[0] == "6.0\n"
     caller.write_text(WITHIN, encoding="utf-8")
     assert start(caller, home).communicate() == ("3.0 6.0 1\n", "")
+
+
+COPIED = """
+import numpy as np
+from vlmb.core.dense import largest_entry
+
+assert largest_entry(np.array([[1.0, -3.0]]), 1, 2) == 3.0
+print(sum(largest_entry.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+def test_installations_of_the_same_sources_share_what_is_kept(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(COPIED, encoding="utf-8")
+    for place, hits in (("one", "0"), ("other", "1")):
+        shutil.copytree(ROOT / "vlmb", tmp_path / place / "vlmb", ignore=shutil.ignore_patterns("__pycache__"))
+        process = start(script, tmp_path / "home", PYTHONPATH=str(tmp_path / place))
+        assert process.communicate()[0] == f"{hits}\n"
 
 
 @pytest.mark.parametrize("mode", ["0", "bounds"])

@@ -169,6 +169,8 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
         settings.CACHE_DIR = before
     compile_or_load, kept = dispatcher.compile, dispatcher._cache
     kept.load_overload = functools.partial(load, kept)
+    if SOURCES in Path(function.__code__.co_filename).parents:
+        share(kept, place)
 
     def compile_once(signature: Any) -> Any:
         with contextlib.nullcontext() if is_kept(dispatcher, signature) else alone(place):
@@ -176,6 +178,13 @@ def compiled(function: Function, options: dict[str, Any]) -> Function:
 
     dispatcher.compile = compile_once
     return cast(Function, dispatcher)
+
+
+def share(kept: Any, place: Path) -> None:
+    """Keep a kernel of the core where every installation of these sources finds it; numba has a folder for each of them."""
+    from numba.core.caching import IndexDataCacheFile
+
+    kept._cache_file = IndexDataCacheFile(str(place), kept._impl.filename_base, place.name)
 
 
 def load(kept: Any, signature: Any, context: Any) -> Any:
