@@ -16,6 +16,7 @@ import pytest
 from vlmb.core import cache, jit
 
 ROOT = Path(__file__).resolve().parents[2]
+kept_only = pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
 SCRIPT = """
 import time
 from vlmb.core.jit import kernel
@@ -43,7 +44,7 @@ def script(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+@kept_only
 def test_one_of_several_processes_compiles(script: Path, tmp_path: Path) -> None:
     processes = [start(script, tmp_path / "home") for _ in range(3)]
     texts = [process.communicate() for process in processes]
@@ -56,7 +57,8 @@ def test_one_of_several_processes_compiles(script: Path, tmp_path: Path) -> None
     assert kept.stat().st_mode & 0o077 == 0
 
 
-@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds" or sys.platform == "win32", reason="nothing is kept")
+@kept_only
+@pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
 def test_what_is_kept_waits_for_nobody_and_the_rest_says_so(script: Path, tmp_path: Path) -> None:
     import fcntl
 
@@ -105,7 +107,7 @@ assert "numba.cpython.setobj" in sys.modules
 """
 
 
-@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+@kept_only
 def test_what_is_kept_is_loaded_without_what_compiles_and_serves_what_is_compiled_later(script: Path, tmp_path: Path) -> None:
     home, caller = tmp_path / "home", tmp_path / "caller.py"
     caller.write_text("import script", encoding="utf-8")
@@ -131,7 +133,7 @@ print(outer(1.0), twice(3.0), sum(twice.stats.cache_hits.values()))
 """
 
 
-@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+@kept_only
 def test_a_kept_kernel_that_a_part_of_another_loads_can_be_called(script: Path, tmp_path: Path) -> None:
     script.write_text(SCRIPT.split("assert")[0], encoding="utf-8")
     home, caller = tmp_path / "home", tmp_path / "caller.py"
@@ -150,7 +152,7 @@ print(sum(largest_entry.stats.cache_hits.values()))
 """
 
 
-@pytest.mark.skipif(not jit.COMPILED or jit.MODE == "bounds", reason="nothing is kept")
+@kept_only
 def test_installations_of_the_same_sources_share_what_is_kept(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(COPIED, encoding="utf-8")
