@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -254,3 +255,16 @@ def test_a_length_that_follows_a_law_starts_where_the_law_is() -> None:
     scene = vlmb.Scene.from_dict({"base": {"kind": "pivot"}, "links": links})
     for t0 in (0.0, 1.0, 0.0, 0.5):
         assert vlmb.simulate(scene, duration=0.05, t0=t0)["xi1_1"][0] == pytest.approx(0.3 + 0.1 * t0, abs=1e-15)
+
+
+def test_runs_in_threads_leave_the_filters_of_warnings_as_they_are() -> None:
+    """Filters are those of all threads: two that put them away and back in turn would leave what the first one set."""
+    scene, before = vlmb.load_scene(MODELS / "one_link.toml"), list(warnings.filters)
+
+    def run(k: int) -> str:
+        changed = scene.changed_at({"links.0.lower.stiffness": 300.0 + k})
+        return vlmb.simulate(changed, duration=1.0, control=(lambda t, view: {"M_psi1": 1.0}) if k % 9 == 0 else None).status
+
+    with ThreadPoolExecutor(4) as pool:
+        assert set(pool.map(run, range(60))) == {"finished"}
+    assert warnings.filters == before

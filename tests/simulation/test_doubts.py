@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import math
 import pickle
 from collections.abc import Callable
@@ -158,6 +159,35 @@ def test_the_command_line_has_exit_code_1(tmp_path: Path, capsys: pytest.Capture
 def test_doubts_do_not_change_what_a_run_is() -> None:
     names = [field.name for field in dataclasses.fields(vlmb.Trajectory)]
     assert names[-3:] == ["doubts", "stretches", "events"]  # pickles and positional arguments of before
+
+
+def test_a_run_is_looked_through_when_its_doubts_are_asked_for_or_somebody_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    log, heard = logging.getLogger("vlmb"), list[str]()
+    monkeypatch.setattr(log, "propagate", False)
+    coarse = {"scene": ROOT / "models" / "two_links.toml", "duration": 3.0, "method": "rk4", "step": 0.015}
+    run = vlmb.simulate(**coarse)
+    assert "doubts" not in run.__dict__
+    (doubt,) = run.doubts
+    assert doubt.startswith("the energy is off by") and run.doubts is run.doubts
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: heard.append(record.getMessage())  # type: ignore[method-assign]
+    log.addHandler(handler)
+    try:
+        other = vlmb.simulate(**coarse)
+    finally:
+        log.removeHandler(handler)
+    assert other.__dict__["doubts"] == (doubt,) and heard == [f"{run.scene.name}: doubtful: {doubt}"]
+    unseen = vlmb.simulate(**coarse)
+    assert pickle.loads(pickle.dumps(unseen)).doubts == dataclasses.replace(vlmb.simulate(**coarse)).doubts == (doubt,)  # noqa: S301
+
+
+def test_what_cannot_be_looked_through_is_doubtful(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(logging.getLogger("vlmb"), "propagate", False)
+    run = vlmb.simulate(SWING, duration=0.1)
+    monkeypatch.setattr("vlmb.simulation.trajectory.doubts_of", lambda *_: 1 / 0)
+    assert run.doubts == ("the run could not be looked through: ZeroDivisionError: division by zero",)
+    failed = vlmb.simulate(SWING.changed(forces=[{"on": "M_psi1", "law": "sqrt(0.05 - t)"}]), duration=0.1)
+    assert failed.status == "failed" and failed.doubts == ()
 
 
 @pytest.mark.parametrize("law", [

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Frozen = TypeVar("Frozen")
+Arrays = TypeVar("Arrays", bound=tuple[Any, ...])
 
 
 def read_only(values: Array) -> Array:
@@ -24,6 +25,15 @@ def copied(what: Frozen, **values: Any) -> Frozen:
     made = object.__new__(type(what))
     made.__dict__.update(what.__dict__, **values)
     return made
+
+
+def fresh(arrays: Arrays) -> Arrays:
+    """Return copies of the arrays in a named tuple, and in those within it; one that holds no numbers serves all."""
+    return arrays._make([_fresh(part) for part in arrays])  # type: ignore[attr-defined]
+
+
+def _fresh(part: Any) -> Any:
+    return fresh(part) if type(part) is not np.ndarray else part.copy() if part.size else part
 
 
 class Remade:

@@ -30,18 +30,17 @@ def renumbered(scene: SceneTables, changes: Mapping[str, Any]) -> dict[str, Any]
     for key, value in changes.items():
         if not (isinstance(key, str) and _is_allowed(value)):
             return None
-        first, *rest = re.sub(r"\[(\w+)\]", r".\1", key).split(".")
+        first, *rest = (re.sub(r"\[(\w+)\]", r".\1", key) if "[" in key else key).split(".")
         if first == "start" and rest:
             start[".".join(rest)] = float(value)
         elif first == "links" and len(rest) == 3 and rest[1] in ("lower", "upper") and rest[2] in SPRING:
             at = names.index(rest[0]) if rest[0] in names else int(rest[0]) if re.fullmatch(r"\d{1,6}", rest[0]) else len(links)
             if at >= len(links):
                 return None
-            old = getattr(links[at], rest[1])
-            new = msgspec.structs.replace(old, **{rest[2]: float(value)})
-            if not _is_renumbered(old, new):
+            segment, number = getattr(links[at], rest[1]), float(value)
+            if segment.motion != "free" or (rest[2] != "rest" and not _keeps(getattr(segment, rest[2]), number)):
                 return None
-            links[at] = msgspec.structs.replace(links[at], **{rest[1]: new})
+            links[at] = msgspec.structs.replace(links[at], **{rest[1]: msgspec.structs.replace(segment, **{rest[2]: number})})
         else:
             return None
     return {"start": start, "links": tuple(links)}
@@ -65,9 +64,13 @@ def _is_renumbered(old: Segment, new: Segment) -> bool:
     """Whether segments differ in numbers of a spring alone; whether there is a spring or a damper decides more than a number."""
     if old == new:
         return True
-    alike = msgspec.structs.replace(old, **{name: getattr(new, name) for name in SPRING}) == new
-    there = all((getattr(old, name) > 0.0) == (getattr(new, name) > 0.0) for name in ("stiffness", "damping"))
-    return alike and old.motion == "free" and there and min(new.stiffness, new.damping) >= 0.0
+    alike = msgspec.structs.replace(new, stiffness=old.stiffness, damping=old.damping, rest=old.rest) == old
+    return alike and old.motion == "free" and _keeps(old.stiffness, new.stiffness) and _keeps(old.damping, new.damping)
+
+
+def _keeps(old: float, new: float) -> bool:
+    """Whether a stiffness or a damping may have another value: there is a spring, or a damper, as before."""
+    return new > 0.0 if old > 0.0 else new == 0.0
 
 
 def _is_allowed(value: Any) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -30,6 +31,33 @@ AT_REST = 1e-3  # of the other energies: the least kinetic energy that errors ar
 AROUND = 6  # intervals around a sample that show how smooth a motion is
 NEAR = 8  # samples before and after one that show how well slopes are known
 OUTSTANDING = 50.0  # times the spread of the slopes around it
+
+
+class Doubtful(Protocol):
+    """A run that can be looked through."""
+
+    def looked_through(self) -> tuple[str, ...]: ...  # noqa: D102
+
+
+class Doubts:
+    """The field of a run that looks it through when it is first asked for, unless it was given; by itself ()."""
+
+    def __get__(self, run: Doubtful | None, kind: type | None = None) -> tuple[str, ...]:
+        """Look through a run, once."""
+        if run is None:
+            return ()
+        try:
+            with np.errstate(all="ignore"):  # what is not finite is found and named
+                found = run.looked_through()
+        except Exception as error:  # the samples are there, whatever becomes of what is computed of them
+            found = (f"the run could not be looked through: {type(error).__name__}: {error}",)
+        run.__dict__["doubts"] = found
+        return found
+
+    @staticmethod
+    def ask_later(run: Doubtful) -> None:
+        """Have a run of now looked through when it is asked for its doubts."""
+        del run.__dict__["doubts"]
 
 
 def doubts_of(

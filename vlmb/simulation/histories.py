@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from vlmb.core.plant import Memory
 from vlmb.errors import VlmbError
 from vlmb.model.frozen import read_only
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW
@@ -143,16 +142,12 @@ def work_by_force(system: System, motion: Motion) -> dict[str, Array]:
 
 
 def energies_along(
-    system: System, motion: Motion, work_by_force: Mapping[str, Array], stretches: Sequence[Stretch] = (),
-    memory: Memory | None = None,
-) -> dict[str, Array]:  # fmt: skip
-    """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses.
-
-    memory : of a run that is over, into which is written; None makes one
-    """
+    system: System, motion: Motion, work_by_force: Mapping[str, Array], stretches: Sequence[Stretch] = ()
+) -> dict[str, Array]:
+    """Energies (N,) [J] by name; `balance` is what the energy has changed beyond work done and losses."""
     found = np.zeros((len(ENERGIES), len(motion.t)))
     kinetic, potential, spring, total, work, lost, balance = found
-    found[:3] = motion.energies(system, memory).T
+    found[:3] = motion.energies(system).T
     if system.mechanism.scene.legs and stretches:
         spring += energy_of_legs(system.points, stretches, motion.postures)
     total[:] = kinetic + potential + spring

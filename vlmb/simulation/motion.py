@@ -9,7 +9,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from vlmb.core.calls import energies_along
-from vlmb.core.plant import Memory, make_memory
 from vlmb.core.tree import AT_P
 from vlmb.model.arrays import pinocchio_states
 from vlmb.model.frozen import read_only
@@ -50,7 +49,7 @@ class Motion:
                 return plans[0][1].postures(self.t, self.states)
             given = np.empty((len(self.t), *plan.arrays.given.shape))
             for own, phase in plans:
-                given[own] = phase.given_at(make_memory(phase.plant, phase.arrays.given), self.t[own])
+                given[own] = phase.given_at(phase.memory(), self.t[own])
             return plan.arrays.postures(self.states[:, : plan.positions + plan.velocities], given)
         return self.system.mechanism.postures(self.pinocchio)
 
@@ -77,16 +76,16 @@ class Motion:
         """Work states (N, W) [J]."""
         return read_only(self.states[:, self.states.shape[1] - len(self.system.work_names) :])
 
-    def energies(self, system: System, memory: Memory | None = None) -> Array:
-        """Kinetic energy, gravity's and that of the springs (N, 3) [J]; in the `memory` of a run that is over, if it is given."""
+    def energies(self, system: System) -> Array:
+        """Kinetic energy, gravity's and that of the springs (N, 3) [J]."""
         if self.engine == "core":
             found = np.empty((len(self.t), 3))
             for own, plan in self._plans():
-                free = memory if memory is not None and plan is system.core_plan else make_memory(plan.plant, plan.arrays.given)
-                free.near[:] = plan.spring_angles(self.branch[0])
+                memory = plan.memory()
+                memory.near[:] = plan.spring_angles(self.branch[0])
                 t, states = np.array(self.t[own]), np.array(self.states[own], order="C")
                 energies = np.empty((len(t), 3))
-                energies_along(plan.plant, free, t, states, energies)
+                energies_along(plan.plant, memory, t, states, energies)
                 found[own] = energies
         else:
             found = _by_pinocchio(system, *self.pinocchio)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -51,8 +50,7 @@ def simulate_robots(
         view = RobotView(system, RobotWorkspace(system), t0, State(*map(np.array, begin.state)))
         system = system.with_inputs(tuple(asked(control, view)))
     breaks = system.breaks(t0, t0 + run.duration)
-    with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
-        warnings.simplefilter("ignore")
+    with np.errstate(all="ignore"):  # what is not finite is found and named
         asked_for = control if system.inputs else None
         system = with_engine(system, begin.state)
         engine = RobotEngine(system, begin.state, asked_for)

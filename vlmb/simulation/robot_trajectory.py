@@ -18,7 +18,7 @@ from vlmb.model.robot_mechanism import RobotMechanism
 from vlmb.scene.by_phase import programmes_of
 from vlmb.scene.names import DAMPERS, ENERGIES, SNOW, listed
 from vlmb.simulation.columns import Column
-from vlmb.simulation.doubts import of_energy, of_rows, of_steps
+from vlmb.simulation.doubts import Doubts, of_energy, of_rows, of_steps
 from vlmb.simulation.end import End
 from vlmb.simulation.loop import Loop
 from vlmb.simulation.named import Named, Residual, largest
@@ -72,23 +72,15 @@ class RobotTrajectory(Trajectory):
                 engine.workspace.evaluate(float(t[0]), np.array(states[0]))
             told = (*told, *engine.workspace.unreached())
 
-        def made(doubts: tuple[str, ...]) -> RobotTrajectory:
-            mechanism: Any = system.mechanism
-            found = RobotTrajectory(
-                mechanism, t, states, engine.name, inputs, system.inputs, branch, system.run, status, message, told, stats,
-                versions(), float(t0), doubts, *phases,
-            )  # fmt: skip
-            found.__dict__["system"] = system
-            return found
-
-        first = made(())
-        try:
-            doubts = () if status == "failed" else first.doubts_found()
-        except Exception as error:  # the samples are there, whatever becomes of what is computed of them
-            doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
-        whole = made(doubts) if doubts else first
-        whole.__dict__.update({name: value for name, value in first.__dict__.items() if name in ("_energies", "_evaluations")})
-        return whole
+        mechanism: Any = system.mechanism
+        made = RobotTrajectory(
+            mechanism, t, states, engine.name, inputs, system.inputs, branch, system.run, status, message, told, stats,
+            versions(), float(t0), (), *phases,
+        )  # fmt: skip
+        made.__dict__["system"] = system
+        if status != "failed":
+            Doubts.ask_later(made)
+        return made
 
     @cached_property
     def system(self) -> RobotSystem:  # type: ignore[override]
@@ -217,8 +209,8 @@ class RobotTrajectory(Trajectory):
         balance = total - total[0] - (work - work[0]) + (lost - lost[0])
         return dict(zip(ENERGIES, map(read_only, (kinetic, potential, spring, total, work, lost, balance)), strict=True))
 
-    def doubts_found(self) -> tuple[str, ...]:
-        """Return what contradicts itself in what was recorded, in sentences."""
+    def looked_through(self) -> tuple[str, ...]:
+        """Look for contradictions in what was recorded, and return them in sentences."""
         found = [*of_energy(self._energies, self.run), *of_steps(self.scene, self.run, self.t)]
         held = {name: (row.position, row.velocity) for name, row in self.residuals.items() if name in self.reactions}
         rates = float(np.abs(self._coordinates[1]).max(initial=0.0))

@@ -8,7 +8,6 @@ import inspect
 import logging
 import math
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -183,8 +182,7 @@ def run_system(
         first = StateView(mechanism, t0, mechanism.postures(begin.state), begin.branch, begin.state)
         system = system.with_inputs(tuple(answer_of(control, first)))
     breaks = breaks_of(beginning(system, t0), t0, t0 + run.duration)
-    with np.errstate(all="ignore"), warnings.catch_warnings():  # what is not finite is found and named
-        warnings.simplefilter("ignore")
+    with np.errstate(all="ignore"):  # what is not finite is found and named
         mover = make_engine(system, begin.branch, control)
         y = mover.pack(begin.state)
         said = jumps(start, begin) if isinstance(start, End) else []
@@ -234,9 +232,19 @@ def _logged(trajectory: Trajectory) -> Trajectory:
     name, steps = trajectory.scene.name, trajectory.stats["steps"]
     level = logging.WARNING if trajectory.status == "failed" else logging.INFO
     LOG.log(level, "%s: %s (%d steps)", name, trajectory.message, steps)
-    for doubt in trajectory.doubts:
+    for doubt in trajectory.doubts if _is_heard(logging.WARNING) else ():
         LOG.warning("%s: doubtful: %s", name, doubt)
     return trajectory
+
+
+def _is_heard(level: int) -> bool:
+    """Whether anything takes what the log is told: doubts are looked for then."""
+    logger: logging.Logger | None = LOG
+    while logger is not None:
+        if any(not isinstance(handler, logging.NullHandler) for handler in logger.handlers):
+            return LOG.isEnabledFor(level)
+        logger = logger.parent if logger.propagate else None
+    return False
 
 
 def _trajectory(

@@ -29,7 +29,7 @@ from vlmb.scene.scene import Scene
 from vlmb.scene.tables import Run
 from vlmb.scene.written import as_numbers
 from vlmb.simulation.columns import Column, columns, to_pandas, to_xarray
-from vlmb.simulation.doubts import doubts_of
+from vlmb.simulation.doubts import Doubts, doubts_of
 from vlmb.simulation.end import End, end_of
 from vlmb.simulation.histories import energies_along, forces_along, work_by_force
 from vlmb.simulation.leg_histories import feet_at_end, read_leg
@@ -59,8 +59,7 @@ class Trajectory(Remade, Displayed):
     """Samples of a motion: t (N,) [s], and how they were made; Pinocchio's q (N, nq), v (N, nv); work (N, W) [J].
 
     trajectory["phi1"], ["phi1_dot"], ["energy"], ["legs.tip.z"]; `position`, `controls`, `reactions`, `residuals`. All arrays
-    are read-only. `doubts` is empty where nothing that was recorded contradicts itself. A pickle or a file carries the forces
-    that a control gave, not the control.
+    are read-only. A pickle or a file carries the forces that a control gave, not the control.
     """
 
     mechanism: Mechanism
@@ -77,7 +76,7 @@ class Trajectory(Remade, Displayed):
     stats: dict[str, Any]
     versions: dict[str, str]
     t0: float = 0.0  # [s] of the start
-    doubts: tuple[str, ...] = ()  # contradictions in what was recorded, in sentences
+    doubts: tuple[str, ...] = Doubts()  # type: ignore[assignment]  # contradictions in what was recorded, in sentences
     stretches: tuple[Stretch, ...] = ()  # how contacts stood in each phase, and which samples it has
     events: tuple[Event, ...] = ()  # of contacts and of the scene, in order
 
@@ -95,20 +94,18 @@ class Trajectory(Remade, Displayed):
         (t, states, inputs, branch), names = samples, system.forces.inputs or ()
         if names and np.isnan(inputs[-1:]).any():
             message = f"{message.rstrip('.')}; the forces of the control at this sample are not known."
-        motion, looked = Motion(system, engine.name, t, states, branch, begun(stretches, len(t)) if stretches else 0.0), {}
-        memory = engine.memory if isinstance(engine, CoreEngine) else None
-        try:
-            looked["_energies"] = energies_along(system, motion, work_by_force(system, motion), stretches, memory)
-            anew = {turn.t for turn in turns}
-            doubts = () if status == "failed" else doubts_of(system, motion, inputs, looked["_energies"], anew)
-        except Exception as error:  # the samples are there, whatever becomes of what is computed of them
-            doubts = (f"the run could not be looked through: {type(error).__name__}: {error}",)
         made = Trajectory(
             system.mechanism, t, states, engine.name, inputs, names, branch, system.run, status, message, start.adjustments,
-            stats, versions(), float(t0), doubts, stretches, events,
+            stats, versions(), float(t0), (), stretches, events,
         )  # fmt: skip
-        made.__dict__.update(system=system, _motion=motion, turns=turns, **looked)  # nothing is compiled or computed again
+        made.__dict__.update(system=system, turns=turns)  # nothing is compiled again
+        if status != "failed":
+            Doubts.ask_later(made)
         return made
+
+    def looked_through(self) -> tuple[str, ...]:
+        """Look for contradictions in what was recorded, and return them in sentences."""
+        return doubts_of(self.system, self._motion, self.inputs, self._energies, {turn.t for turn in self.turns})
 
     @cached_property
     def system(self) -> System:

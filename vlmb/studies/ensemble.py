@@ -83,7 +83,7 @@ class Ensemble:
         if numbers is None or self.system is None:
             return simulate(self.task.scene.changed_at(changes), t_eval=self.given if times is None else times)
         mechanism = self.system.with_scene(with_values(self.task.scene, numbers))
-        return run_system(self.system.with_numbers(mechanism), self.times if times is None else times)
+        return run_system(self.system.with_numbers(mechanism, self.system.run), self.times if times is None else times)
 
     def shard(self, rows: Sequence[Sequence[Any]]) -> Shard:
         """Run the rows. A run that fails is a row with its status and message."""

@@ -7,7 +7,6 @@ import itertools
 import json
 import os
 import queue
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -152,7 +151,7 @@ def _computed(
         for index, part in missing.items():
             yield index, run_shard(task, part)
         return
-    with _pool(executor, count) as pool, warnings.catch_warnings():  # the filters of threads that run are those of all
+    with _pool(executor, count) as pool:
 
         def ahead() -> int:
             """Return how many shards are given out at once; a cluster may grow, and what waits in a worker is lost with it."""

@@ -26,7 +26,7 @@ from vlmb.core.driver import (
     Driver,
     make_driver,
 )
-from vlmb.core.plant import FROM_SIDE, SOURCES, make_memory
+from vlmb.core.plant import FROM_SIDE, SOURCES
 from vlmb.core.row_arrays import PROJECTION, WORTH, WORTH_BOUND, parts, sizes_of
 from vlmb.core.scratch import GROUND
 from vlmb.core.sliding import ANSWER, FOUND, MODE, MU, NORMAL, SLIDES
@@ -63,7 +63,7 @@ class CoreEngine:
     def __init__(self, mechanism: Mechanism, plan: CorePlan, control: Control | None, inputs: Sequence[str]) -> None:
         self.mechanism, self.plan = mechanism, plan
         self.size = plan.positions + plan.velocities + int(plan.plant.size[0])
-        self.memory = make_memory(plan.plant, plan.arrays.given, len(inputs))
+        self.memory = plan.memory(len(inputs))
         self.reader = None if control is None else ControlReader(control, inputs)
         self.branch = self.start = np.zeros(0)  # coordinates near which angles are read, now and at the start: see `take_branch`
         self.asked: list[Array] = []  # the forces of the control at the samples taken so far
@@ -90,7 +90,11 @@ class CoreEngine:
 
     def pack(self, state: State) -> Array:
         """Return y for Pinocchio's state, with no work done."""
-        return np.concatenate([self.plan.arrays.pack(state.q, state.v), np.zeros(int(self.plan.plant.size[0]))])
+        known = next((y for before, y in self.plan.packed if before is state), None)
+        if known is None:
+            known = np.concatenate([self.plan.arrays.pack(state.q, state.v), np.zeros(int(self.plan.plant.size[0]))])
+            self.plan.packed[:] = [(state, known)]
+        return np.array(known)
 
     def take_branch(self, coordinates: Sequence[float] | Array) -> None:
         """Read angles near these coordinates (N,) from now on."""

@@ -19,7 +19,8 @@ from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
-from vlmb.model.frozen import copied
+from vlmb.model.frozen import copied, fresh
+from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
 from vlmb.model.quantities import QuantityTable, allowed_names
@@ -88,7 +89,8 @@ class CorePlan:
 
     def with_numbers(self, mechanism: Mechanism) -> CorePlan:
         """Return this plan for a mechanism that differs in its start and in the springs of its segments alone."""
-        self.reads_angles  # noqa: B018 - found once, for all of these
+        for name in ("reads_angles", "_blanks", "packed"):  # found once, for all of these
+            getattr(self, name)
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
         return copied(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
 
@@ -104,6 +106,21 @@ class CorePlan:
         parameters = np.array(self.plant.parameters)
         parameters[[at for at, name in enumerate(self.table.parameters) if name == PHASE_START]] = t
         return replace(self, plant=self.plant._replace(parameters=parameters))
+
+    def memory(self, inputs: int = 0) -> Memory:
+        """Make what evaluations write, with so many forces from outside."""
+        if inputs not in self._blanks:
+            self._blanks[inputs] = make_memory(self.plant, self.arrays.given, inputs)
+        return fresh(self._blanks[inputs])
+
+    @cached_property
+    def _blanks(self) -> dict[int, Memory]:
+        return {}
+
+    @cached_property
+    def packed(self) -> list[tuple[State, Array]]:
+        """The state that a run began with last, and as the core has it."""
+        return []
 
     @cached_property
     def reads_angles(self) -> bool:
@@ -156,7 +173,7 @@ class CorePlan:
         moving = states[:, : self.positions + self.velocities]
         if not len(self.plant.driven):
             return self.arrays.postures(moving, self.arrays.given)
-        return self.arrays.postures(moving, self.given_at(make_memory(self.plant, self.arrays.given), t))
+        return self.arrays.postures(moving, self.given_at(self.memory(), t))
 
 
 def make_core_plan(

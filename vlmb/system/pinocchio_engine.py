@@ -21,7 +21,6 @@ from vlmb.core.driver import (
     Driver,
     make_driver,
 )
-from vlmb.core.plant import make_memory
 from vlmb.core.run import follow_worth
 from vlmb.core.tree import AT_P
 from vlmb.errors import VlmbError
@@ -57,7 +56,7 @@ class PinocchioEngine:
         self.system, self.watch = system, system.watch_plan
         watch = self.watch
         self.workspace, self.start = system.workspace(control, branch), list(branch)
-        self.memory = make_memory(watch.plant, watch.arrays.given)
+        self.memory = watch.memory()
         kinds = {event.kind for event in watch.events} - {QUIET, DEPENDENT, GRIP}
         self.reading = CoreReading(watch.arrays, self.workspace.frames, kinds != {LIMIT}) if kinds else None
         self.still = np.zeros(watch.positions + watch.velocities)

@@ -45,6 +45,7 @@ KNIFE_EDGES = ("reduction", "multiplier", "projection")
 OF_THE_MARCH: Mapping[str, Any] = {"duration": 1.0, "rtol": 1e-6, "atol": 1e-6, "samples": 1.0, "max_step": None}  # no equation's
 RECENT = 4
 _made: tuple[tuple[System, Run], ...] = ()  # the last ones: runs of one mechanism share what is compiled
+_akin: tuple[Scene, Scene] | None = None  # the last two scenes that were seen to differ in numbers
 
 
 class OfPhases(NamedTuple):
@@ -100,12 +101,15 @@ class System:
         """Return this system with forces from outside, by name; nothing is compiled again."""
         return dataclasses.replace(self, forces=applied_forces(self.mechanism, names))
 
-    def with_numbers(self, mechanism: Mechanism) -> System:
-        """Return this system for a mechanism whose scene differs in numbers: nothing is compiled again. For the core."""
+    def with_numbers(self, mechanism: Mechanism, run: Run) -> System:
+        """Return this system for a mechanism whose scene differs in numbers, and a run of the same equations. For the core.
+
+        Nothing is compiled again.
+        """
         for name in ("timed", "work_names", "points", "reads_angles", "angled", "starts"):  # found once, for all of these
             getattr(self, name)
         plan, segments = self.core_plan.with_numbers(mechanism), tuple(free_segments(mechanism))
-        made = copied(self, mechanism=mechanism, segments=segments, core_plan=plan)
+        made = copied(self, mechanism=mechanism, run=run, segments=segments, core_plan=plan)
         for name in ("watch_plan", "of_phases"):  # what has such numbers
             made.__dict__.pop(name, None)
         return made
@@ -279,8 +283,20 @@ def known_mechanism(scene: object) -> Mechanism | None:
     for made, _ in _made:
         if made.mechanism.scene is scene:
             return made.mechanism
-    akin = next((made for made, _ in _made if differ_in_numbers(made.mechanism.scene, scene)), None)
+    akin = next((made for made, _ in _made if _are_akin(made.mechanism.scene, scene)), None)
     return None if akin is None else akin.with_scene(scene)
+
+
+def _are_akin(one: Scene, other: Scene) -> bool:
+    """Whether scenes differ in numbers alone; a run asks it twice, once for its mechanism and once for its equations."""
+    global _akin
+    last = _akin
+    if last is not None and last[0] is one and last[1] is other:
+        return True
+    if not differ_in_numbers(one, other):
+        return False
+    _akin = one, other
+    return True
 
 
 def _shared(mechanism: Mechanism, run: Run) -> System:
@@ -295,8 +311,8 @@ def _shared(mechanism: Mechanism, run: Run) -> System:
         if made.mechanism is mechanism:
             return made.with_run(run)
     ran = [made for made in before if "core_plan" in made.__dict__ and made.engine == "core"]
-    akin = next((made for made in ran if differ_in_numbers(made.mechanism.scene, mechanism.scene)), None)
-    system = _compiled(mechanism, run) if akin is None else akin.with_run(run).with_numbers(mechanism)
+    akin = next((made for made in ran if _are_akin(made.mechanism.scene, mechanism.scene)), None)
+    system = _compiled(mechanism, run) if akin is None else akin.with_numbers(mechanism, run)
     _made = ((system, alone), *_made[: RECENT - 1])
     return system
 
