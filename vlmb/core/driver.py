@@ -7,6 +7,7 @@ stands in arrays: a run may rest after any call and go on later.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -107,27 +108,38 @@ def make_driver(
     step : [s] of euler, rk4 and gauss; the first one of the others, 0 lets them choose
     slice_size : evaluations after which `march` returns SLICE
     """
-    kind = METHODS[method]
-    own_rows = (0, 3, 5, 21, 36, 4 * size + 15)[kind]
-    width = -(-size // LANES) * LANES if kind in (DOP853, ADAMS) else size
     wanted = np.zeros(0) if times is None else np.ascontiguousarray(times, dtype=float)
     watched = np.zeros(0) if directions is None else np.asarray(directions, dtype=float)
+    blank = _blank(METHODS[method], size, len(watched))
     driver = Driver(
+        counts=blank.counts.copy(), real=blank.real.copy(), rows=blank.rows.copy(), table=blank.table.copy(),
+        point=blank.point.copy(), slope=blank.slope.copy(), times=wanted, samples=np.zeros((len(wanted), size)),
+        indicators=blank.indicators.copy(),
+    )  # fmt: skip
+    driver.counts[SLICE_SIZE] = slice_size
+    driver.real[RTOL], driver.real[ATOL], driver.real[FIRST_STEP_SIZE], driver.real[H_MAX] = rtol, atol, step, h_max
+    driver.indicators[DIRECTION] = watched
+    return driver
+
+
+@lru_cache(maxsize=4)
+def _blank(kind: int, size: int, indicators: int) -> Driver:
+    """Make a driver without samples, to be copied: runs of an ensemble are alike."""
+    own_rows = (0, 3, 5, 21, 36, 4 * size + 15)[kind]
+    width = -(-size // LANES) * LANES if kind in (DOP853, ADAMS) else size
+    blank = Driver(
         counts=np.zeros(PIVOTS + 2 * size, dtype=np.int64),
         real=np.zeros(26),
         rows=np.zeros((OWN + own_rows, width)),
         table=np.zeros((12, TABLE_WIDTH)),
         point=np.zeros(size),
         slope=np.zeros(size),
-        times=wanted,
-        samples=np.zeros((len(wanted), size)),
-        indicators=np.zeros((10, len(watched))),
+        times=np.zeros(0),
+        samples=np.zeros((0, size)),
+        indicators=np.zeros((10, indicators)),
     )
-    driver.counts[METHOD], driver.counts[SLICE_SIZE], driver.counts[PATIENCE] = kind, slice_size, 20_000
-    driver.real[RTOL], driver.real[ATOL], driver.real[FIRST_STEP_SIZE], driver.real[H_MAX] = rtol, atol, step, h_max
-    driver.real[LEAST_PROGRESS] = 1e-3
-    driver.indicators[DIRECTION] = watched
-    return driver
+    blank.counts[METHOD], blank.counts[PATIENCE], blank.real[LEAST_PROGRESS] = kind, 20_000, 1e-3
+    return blank
 
 
 @kernel

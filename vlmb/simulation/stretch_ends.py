@@ -43,14 +43,15 @@ def leave(engine: Engine, driver: Driver, t: float, gap: float, begins: bool) ->
     A start that is exactly on a switch of the state goes a hair's breadth beyond: what counts is where the motion leads.
     Raises VlmbError where a run begins at a break at which a law has no value, or where one comes from infinity.
     """
-    point, y = driver.point, np.array(driver.point)
+    point = driver.point
     if not gap:
         with contextlib.suppress(VlmbError):  # the next step says it
-            found = over(engine, t, y, on=True) if begins else None
+            found = over(engine, t, point, on=True) if begins else None
             if found is not None:
                 take_samples(engine, driver, t)
                 point[:] = found.y
         return
+    y = np.array(point)
     if begins:
         engine.evaluate(t, y)
     slope = np.zeros_like(y)
