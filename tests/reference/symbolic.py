@@ -104,24 +104,24 @@ def uniform_rod() -> tuple[Callable[..., float], Callable[..., float]]:
 
 @cache
 def lagrange_equations(n: int, ski: bool) -> Callable[..., tuple[Array, Array]]:
-    """Derive d/dt dL/dv - dL/dq; return a function (q, v, data) -> mass matrix, bias."""
+    """Derive d/dt dL/dv - dL/dq; return a function (q, v, data) -> mass matrix, bias.
+
+    The momenta are derived symbolically. They are linear in v, so their values at unit rates are the mass matrix. Derivatives along
+    q are taken in numbers, to all digits: Im f(q + i h e) / h with an h whose square is nothing.
+    """
     model = lagrangian(n, ski)
     momenta = [sp.diff(model.kinetic, v) for v in model.v]
-    mass = [[sp.diff(p, v) if j <= i else sp.S.Zero for j, v in enumerate(model.v)] for i, p in enumerate(momenta)]
-    bias = []
-    for q, p in zip(model.q, momenta, strict=True):
-        flow = sum((sp.diff(p, other) * v for other, v in zip(model.q, model.v, strict=True)), sp.S.Zero)
-        bias.append(flow - sp.diff(model.kinetic, q) + sp.diff(model.potential, q))
-    size = len(model.q)
-    lower = [mass[i][j] for i in range(size) for j in range(i + 1)]
-    compiled = sp.lambdify([*model.q, *model.v, *model.data], [*lower, *bias], modules="math", cse=True)
-    rows, columns = np.tril_indices(size)
+    symbols, size, h = [*model.q, *model.v, *model.data], len(model.q), 1e-30
+    compiled = sp.lambdify(symbols, [*momenta, model.kinetic - model.potential], modules="numpy", cse=True)
 
     def evaluate(q: Sequence[float], v: Sequence[float], data: Sequence[float]) -> tuple[Array, Array]:
-        values = np.array(compiled(*q, *v, *data), dtype=float)
-        matrix = np.zeros((size, size))
-        matrix[rows, columns] = matrix[columns, rows] = values[: len(rows)]
-        return matrix, values[len(rows) :]
+        point, rates = np.asarray(q, dtype=float)[:, None], np.asarray(v, dtype=float)[:, None]
+        flat, unit = np.zeros((size, size)), np.eye(size)
+        along = np.hstack([flat, unit, rates])  # at rest with unit rates; along each coordinate; along the motion
+        moving = np.hstack([unit, np.repeat(rates, size + 1, axis=1)])
+        values = np.array(np.broadcast_arrays(*compiled(*(point + 1j * h * along), *moving, *data)))
+        slope = values.imag / h
+        return values[:size, :size].real, slope[:size, -1] - slope[-1, size:-1]
 
     return evaluate
 
