@@ -106,8 +106,8 @@ def uniform_rod() -> tuple[Callable[..., float], Callable[..., float]]:
 def lagrange_equations(n: int, ski: bool) -> Callable[..., tuple[Array, Array]]:
     """Derive d/dt dL/dv - dL/dq; return a function (q, v, data) -> mass matrix, bias.
 
-    The momenta are derived symbolically. They are linear in v, so their values at unit rates are the mass matrix. Derivatives along
-    q are taken in numbers, to all digits: Im f(q + i h e) / h with an h whose square is nothing.
+    The momenta are derived symbolically. They are linear in v, so their values at unit rates are the mass matrix. Derivatives
+    along q are taken in numbers, to all digits: Im f(q + i h e) / h with an h whose square is nothing.
     """
     model = lagrangian(n, ski)
     momenta = [sp.diff(model.kinetic, v) for v in model.v]
