@@ -79,7 +79,7 @@ def check_against_closed_form(table: Table, postures: int, seed: int) -> None:
 # Closed forms
 
 
-@pytest.mark.parametrize(("n", "postures"), [(1, 102), (2, 102), (3, 102), (5, 102), (10, 102), (20, 30)])
+@pytest.mark.parametrize(("n", "postures"), [(1, 30), (2, 30), (3, 30), (5, 30), (10, 15), (20, 9)])
 @pytest.mark.parametrize("tips", ["all", "last", "none"])
 @pytest.mark.parametrize("base", ["pivot", "ski"])
 def test_blocks_equal_the_closed_forms(base: str, tips: str, n: int, postures: int) -> None:
@@ -100,14 +100,14 @@ def test_a_ski_alone() -> None:
 
 @pytest.mark.slow
 def test_a_hundred_links() -> None:
-    check_against_closed_form(random_scene(100, "ski", fixed=0.8), 6, seed=4)  # fixed: pinocchio.Data grows as nv^3
+    check_against_closed_form(random_scene(100, "ski", fixed=0.8), 3, seed=4)  # each form once; fixed: pinocchio.Data grows as nv^3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tips", ["all", "none"])
 @pytest.mark.parametrize("base", ["pivot", "ski"])
 def test_postures_of_fifty_links(base: str, tips: str) -> None:
-    check_against_closed_form(random_scene(50, base, tips=tips), 15, seed=5)
+    check_against_closed_form(random_scene(50, base, tips=tips), 6 if base == "ski" else 2, seed=5)
 
 
 @pytest.mark.parametrize("base", ["pivot", "ski"])
@@ -406,7 +406,7 @@ def test_accelerations_of_all_forms_and_of_the_simulator_agree(base: str, n: int
     mechanism = built(table | {"forces": [{"on": name, "law": value} for name, value in applied.items()]})
     workspace = make_system(mechanism, gain=0.0).workspace()
     rng = np.random.default_rng(18)
-    for _ in range(10 if n < 20 else 3):
+    for _ in range(10 if n < 20 else 3 if n < 50 else 1):
         coordinates = random_posture(mechanism, rng)
         rates = random_rates(mechanism, rng, coordinates)
         full = equations_of_motion(mechanism, coordinates, rates)
