@@ -1,5 +1,8 @@
 """Runs the code blocks of one page in order, in the current folder: python tests/page_runner.py PAGE.
 
+Without a page it reads lines `[page, folder, file]` in JSON and runs each page in a process of its own that is forked from
+this one, so that what pages share is imported once; what the page says goes to the file. It answers with exit codes.
+
     toml       with title="name.toml": written to that file; without: checked as a scene, or as a part of one
     python     run; all blocks of a page share their names; a `text` block right behind it is what it prints
     console    lines `$ vlmb ...` are run, what follows is what they print; other commands are left alone
@@ -12,12 +15,17 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import gc
 import io
+import json
+import os
 import re
 import shlex
+import signal
 import sys
+import traceback
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import vlmb
 from vlmb.cli import main
@@ -31,6 +39,7 @@ else:
 BLOCK = re.compile(r"^```(?P<language>\w*)[ \t]*(?P<options>[^\n]*)\n(?P<text>.*?)^```[ \t]*$", re.M | re.S)
 NUMBER = r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)"
 SMALL = 1e-3
+LONGEST = 300  # [s] that a page may take
 DEFAULTS: dict[str, Any] = {  # what a part of a scene is tried on
     "base": {"kind": "ski", "mass": 5.0, "inertia": 0.6},
     "links": [{"name": "legs", "rod": {"length": 0.5, "mass": 30.0}, "lower": {"length": 0.25}, "upper": {"length": 0.2},
@@ -138,7 +147,41 @@ def run_page(page: str, names: dict[str, Any]) -> list[str]:
     return problems
 
 
+def run_alone(page: str) -> str:
+    """Run a page; return what is wrong, or nothing."""
+    return "\n\n".join(run_page(Path(page).read_text(encoding="utf-8"), {"__name__": "page"}))
+
+
+def serve() -> None:
+    """Run the pages that standard input asks for, each in a fork."""
+    import matplotlib.pyplot  # noqa: F401
+
+    vlmb.simulate(vlmb.Scene.from_dict(DEFAULTS), duration=0.1)  # loads what is compiled
+    gc.freeze()
+    for line in sys.stdin:
+        child = os.fork()
+        if child == 0:
+            run_forked(*json.loads(line))
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
+def run_forked(page: str, folder: str, file: str) -> NoReturn:
+    """Run a page as a process that was just forked, and end it without taking down what it shares."""
+    signal.alarm(LONGEST)
+    os.chdir(folder)
+    said = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for end, other in ((0, os.open(os.devnull, os.O_RDONLY)), (1, said), (2, said)):
+        os.dup2(other, end)
+    wrong = "?"
+    try:
+        wrong = run_alone(page)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        print(wrong, end="", file=sys.stderr, flush=True)
+        sys.stdout.flush()
+        os._exit(wrong != "")
+
+
 if __name__ == "__main__":
-    wrong = run_page(Path(sys.argv[1]).read_text(encoding="utf-8"), {"__name__": "page"})
-    if wrong:
-        sys.exit("\n\n".join(wrong))
+    sys.exit(run_alone(sys.argv[1]) or 0) if sys.argv[1:] else serve()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import html.parser
 import inspect
+import json
 import os
 import posixpath
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
@@ -29,6 +31,7 @@ OUTSIDE = [ROOT / "models" / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "be
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *OUTSIDE])
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 LANGUAGES = {"python", "toml", "console", "sh", "text", ""}
+Run = Callable[[Path, Path], tuple[int, str]]
 HERE = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "NO_MKDOCS_2_WARNING": "1"}
 
 
@@ -80,12 +83,29 @@ def pages(site: Path) -> dict[str, Found]:
 # code on the pages -------------------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def run() -> Iterator[Run]:
+    """Return what runs a page in a folder, in a process of its own, and tells its exit code and what it said."""
+    words = [sys.executable, str(ROOT / "tests" / "page_runner.py")]
+    with subprocess.Popen(words, env=HERE, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as runner:
+        assert runner.stdin and runner.stdout
+        ask, answers = runner.stdin, runner.stdout
+
+        def run_page(page: Path, folder: Path) -> tuple[int, str]:
+            said = folder / "said.txt"
+            print(json.dumps([str(page), str(folder), str(said)]), file=ask, flush=True)
+            code = int(answers.readline())
+            return code, said.read_text(encoding="utf-8")
+
+        yield run_page
+        ask.close()
+
+
 @pytest.mark.parametrize("name", [name for name, page in zip(NAMES, PAGES, strict=True) if blocks_of(page.read_text("utf-8"))])
-def test_the_code_on_a_page_runs(name: str, tmp_path: Path) -> None:
+def test_the_code_on_a_page_runs(name: str, tmp_path: Path, run: Run) -> None:
     (tmp_path / "models").symlink_to(ROOT / "models")
-    words = [sys.executable, str(ROOT / "tests" / "page_runner.py"), str(ROOT / name)]
-    done = subprocess.run(words, cwd=tmp_path, env=HERE, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, f"{name}:\n{done.stdout}{done.stderr}"
+    code, said = run(ROOT / name, tmp_path)
+    assert code == 0, f"{name}:\n{said}"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -94,15 +114,14 @@ def test_every_block_is_of_a_kind_that_runs(name: str) -> None:
         assert block.language in LANGUAGES, f"{name}:{block.line}: no runner for {block.language!r}; use one of {LANGUAGES}"
 
 
-def test_the_runner_notices_what_is_wrong(tmp_path: Path) -> None:
-    runner, page = ROOT / "tests" / "page_runner.py", tmp_path / "page.md"
+def test_the_runner_notices_what_is_wrong(tmp_path: Path, run: Run) -> None:
+    page = tmp_path / "page.md"
 
     def complaints(text: str) -> str:
         page.write_text(text, encoding="utf-8")
-        words = [sys.executable, str(runner), str(page)]
-        done = subprocess.run(words, cwd=tmp_path, env=HERE, capture_output=True, text=True, check=False, timeout=60)
-        assert (done.returncode == 0) == (done.stderr.strip() == "")
-        return done.stderr
+        code, said = run(page, tmp_path)
+        assert (code == 0) == (said.strip() == "")
+        return said
 
     assert complaints("```python\nprint(2.0)\n```\n\n```text\n2.001\n```\n") == ""
     assert "prints something else" in complaints("```python\nprint(2.0)\n```\n\n```text\n2.1\n```\n")

@@ -100,7 +100,7 @@ def test_a_ski_alone() -> None:
 
 @pytest.mark.slow
 def test_a_hundred_links() -> None:
-    check_against_closed_form(random_scene(100, "ski", fixed=0.8), 3, seed=4)  # each form once; fixed: pinocchio.Data grows as nv^3
+    check_against_closed_form(random_scene(100, "ski", fixed=0.8), 3, seed=4)  # fixed: pinocchio.Data grows as nv^3
 
 
 @pytest.mark.slow
