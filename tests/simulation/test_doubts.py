@@ -86,10 +86,10 @@ RIGHT: dict[str, Control] = {
     "a damper": lambda t, view: {"M_psi1": -30.0 * view["psi1_dot"]},
     "fast": lambda t, view: {"M_psi1": 20.0 * math.sin(200.0 * t)},
     "a switch": lambda t, view: {"M_psi1": math.copysign(20.0, math.sin(9.0 * t))},
-    "a switch at a sample": lambda t, view: {"M_psi1": 20.0 * (t >= 1.0)},
-    "a switch at the last sample": lambda t, view: {"M_psi1": 20.0 * (t >= 1.5)},
+    "a switch at a sample": lambda t, view: {"M_psi1": 20.0 * (t >= 0.5)},
+    "a switch at the last sample": lambda t, view: {"M_psi1": 20.0 * (t >= 0.75)},
     "held between samples": lambda t, view: {"M_psi1": 5.0 * math.sin(7919.0 * math.floor(60.0 * t + 1e-9))},
-    "a short pulse": lambda t, view: {"M_psi1": 300.0 * math.exp(-(((t - 1.0) / 3e-3) ** 2))},
+    "a short pulse": lambda t, view: {"M_psi1": 300.0 * math.exp(-(((t - 0.5) / 3e-3) ** 2))},
     "a drift": lambda t, view: {"M_psi1": 1e-6 * t},
 }
 
@@ -99,7 +99,7 @@ RIGHT: dict[str, Control] = {
 def test_what_is_right_raises_no_doubt(case: str, method: str) -> None:
     for made, short in ((SWING, 0.002), (bent(PIVOT, 2), 0.001)):
         bounds = {"max_step": 1e-3} if case == "a short pulse" and method in ("adams", "dop853", "radau") else {}
-        run = vlmb.simulate(made, duration=1.5, control=RIGHT[case], method=method, step=short, rtol=1e-7, atol=1e-9, **bounds)
+        run = vlmb.simulate(made, duration=0.75, control=RIGHT[case], method=method, step=short, rtol=1e-7, atol=1e-9, **bounds)
         assert run.status in ("finished", "stopped"), run.message
         assert run.doubts == (), run.doubts
 
