@@ -52,8 +52,10 @@ def vertical(quick: bool = False) -> list[Finding]:
     for offset in OFFSETS:
         case = over_the_top(offset)
         reference = witnessed(case, times)
-        chart = paper_chart(case, times.tolist(), most=1000 if quick else 6000)
-        naive = f"angles: {chart.told(chart.error(reference))}"
+        naive = ""
+        if not quick or offset in (1e-12, 1e-6):
+            chart = paper_chart(case, times.tolist(), most=1000 if quick else 6000)
+            naive = f"angles: {chart.told(chart.error(reference))}"
         found.append(
             judged(f"pivoted link, {offset:g} rad beside the vertical", "ball joint", run(case, times), reference, 1e-9, naive)
         )
@@ -173,8 +175,10 @@ def lengths(quick: bool = False) -> list[Finding]:
         case = through_the_hinge(beside)
         times = np.linspace(0.0, 2.0, 41)
         line = np.stack([1.0 - times, np.zeros(41), beside * times], axis=1)[:, None]
-        chart = paper_chart(case, times.tolist(), method="rk4", step=1e-3, most=10**6)
-        naive = f"angles and RK4: {chart.told(chart.error(line))}"
+        naive = ""
+        if not quick or beside == 1e-6:
+            chart = paper_chart(case, times.tolist(), method="rk4", step=1e-3, most=10**6)
+            naive = f"angles and RK4: {chart.told(chart.error(line))}"
         found.append(
             judged(
                 f"far end passes its hinge at {beside:g} m", "ball joint, length below zero",

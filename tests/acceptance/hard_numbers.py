@@ -49,16 +49,18 @@ def ratios(quick: bool = False) -> list[Finding]:
         flat = rods.positions(rods.motion([0.3, -0.4], [0.0, 0.0], times.tolist(), 25))
         reference = np.insert(flat, 1, 0.0, axis=2)
         case = vlmb.Scene.from_dict(rods.scene([0.3, -0.4], [0.0, 0.0], run=TIGHT))
-        chart = paper_chart(case, times.tolist())
-        what, naive = f"two rods of {inner:g} and {outer:g} kg", f"angles: {chart.told(chart.error(reference))}"
+        what, naive = f"two rods of {inner:g} and {outer:g} kg", ""
+        if not quick:
+            chart = paper_chart(case, times.tolist())
+            naive = f"angles: {chart.told(chart.error(reference))}"
         found.append(judged(what, "ball joints", run(case, times, method="dop853"), reference, 1e-7, naive))
-    times = np.linspace(0.0, 0.5, 21)
+    times = np.linspace(0.0, 0.2 if quick else 0.5, 21)
     for k, method, limit in ((1e-6, "adams", 1e-9), (1e-3, "adams", 1e-9), (10.0, "adams", 1e-7)):
         light = rod(0.5, 2.0, lower={"length": 0.3, "stiffness": 200.0, "limits": ANY_LENGTH}, tip_mass=1e-9)
         light["upper"] = {"length": 0.2, "stiffness": k, "limits": ANY_LENGTH}
         case = scene(PIVOT, [light], start={"psi1": 0.3, "phi1_dot": 1.0})
         if k == 10.0:
-            times = np.linspace(0.0, 0.02, 11)
+            times = np.linspace(0.0, 0.01 if quick else 0.02, 11)
         found.append(
             judged(
                 f"tip mass 1e-9 kg on a spring of {k:g} N/m",
@@ -164,7 +166,7 @@ def long_run(quick: bool = False) -> list[Finding]:
         ("rk4", "multiplier", 0.0),
         ("rk4", "multiplier", 5.0),
     ):
-        count = 500 * steps if not quick else 50 * steps if (method, edge) == ("rk4", "reduction") else steps
+        count = 500 * steps if not quick else 5 * steps if (method, edge) == ("rk4", "reduction") else steps
         now = march(turning_skier(), method, 2e-3, count, edge, gain)
         what = f"{count} steps of 2 ms, {method}, {edge}{f' with gain {gain:g}/s' if edge == 'multiplier' else ''}"
         done = f"{now['turns']:.0f} turns; energy drifts by {now['drift']:.1e}, quaternion norms by {now['norms']:.1e}"
@@ -179,7 +181,7 @@ def long_run(quick: bool = False) -> list[Finding]:
 
 def chaos(quick: bool = False) -> list[Finding]:
     """13. A chaotic two-link swing against 30 digits."""
-    rods, end = TwoRods(), 6.0 if quick else 16.0
+    rods, end = TwoRods(), 4.0 if quick else 16.0
     times = np.linspace(0.0, end, int(20 * end) + 1)
     psi = [1.0, 0.5]
     states = rods.motion(psi, [0.0, 0.0], times.tolist(), 30)

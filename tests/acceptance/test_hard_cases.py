@@ -167,10 +167,9 @@ def test_10_programme_through_its_singular_posture() -> None:
     assert "without a word" in found[0].naive
 
 
-@pytest.mark.slow
-def test_11_a_hundred_thousand_steps() -> None:
+def test_11_ten_thousand_steps() -> None:
     found = findings(11)
-    assert found[0].what.startswith("100000 steps")
+    assert found[0].what.startswith("10000 steps")
     assert found[0].error < 1e-5 and found[0].residual == 0.0
     gauss = named(found, "gauss")
     assert gauss.error < 1e-8
@@ -190,7 +189,7 @@ def test_13_chaos_against_30_digits() -> None:
 
 
 def test_13_the_reference_has_30_digits() -> None:
-    rods, times = TwoRods(), [0.0, 1.0, 3.0]
+    rods, times = TwoRods(), [0.0, 0.5, 1.5]
     coarse, fine = (rods.motion([1.0, 0.5], [0.0, 0.0], times, digits) for digits in (30, 40))
     assert max(abs(a - b) for x, y in zip(coarse, fine, strict=True) for a, b in zip(x, y, strict=True)) < 1e-27
     assert rods.energy(fine[2]) == pytest.approx(rods.energy(fine[0]), rel=1e-14)
