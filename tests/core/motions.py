@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -163,10 +164,10 @@ def mechanisms() -> list[Motion]:
     ]
 
 
-def measured(motion: Motion, table: q.Quantities, k: int, t: Number) -> np.ndarray:
+def measured(motion: Motion, table: q.Quantities, k: int, t: Number, made: tree.Tree, near: np.ndarray) -> np.ndarray:
     y, _, given = motion.state(t)
-    out, near = np.zeros((len(table.kind), 3), object), reference(motion, table, t)
-    code = q.measure(table, k, motion.tree(), y, given, near, out)
+    out = np.zeros((len(table.kind), 3), object)
+    code = q.measure(table, k, made, y, given, near, out)
     assert code == 0, (table.kind[k], code)
     return out[k]
 
@@ -187,14 +188,17 @@ def reference(motion: Motion, table: q.Quantities, t: Number) -> np.ndarray:
 def wrong(motion: Motion, t: Number, close: float = 1e-30) -> list[str]:
     """List the quantities whose rate, drift or row do not belong to their values."""
     entries = kinds(motion)
-    table = q.make_quantities(motion.tree(), [kind for kind, _ in entries], [mpmath.mpf(offset) for _, offset in entries])
+    made = motion.tree()
+    table = q.make_quantities(made, [kind for kind, _ in entries], [mpmath.mpf(offset) for _, offset in entries])
+    near = cache(lambda s: reference(motion, table, s))
+    found = cache(lambda k, s: measured(motion, table, k, s, made, near(s)))  # both derivatives look at the same instants
     y, a, given = motion.state(t)
     v, bad = y[motion.shape[1] :], []
     steers = motion.base in (tree.SKI, tree.SLIDING)
     for k, (kind, _) in enumerate(entries):
-        out, row = measured(motion, table, k, t), np.zeros(len(v), object)
-        code = q.add_row(table, k, motion.tree(), y, given, reference(motion, table, t), mpmath.mpf(1), row)
-        slope, bend = (mpmath.diff(lambda s, k=k, o=order: measured(motion, table, k, s)[o], t) for order in range(2))
+        out, row = found(k, t), np.zeros(len(v), object)
+        code = q.add_row(table, k, made, y, given, near(t), mpmath.mpf(1), row)
+        slope, bend = (mpmath.diff(lambda s, k=k, o=order: found(k, s)[o], t) for order in range(2))
         if steers and kind[0] in (q.BASE_PLACE, q.POINT, q.CENTRE_OF_MASS):  # the knife edge moves A, not the waves of the place
             axis = kind[2]
             slope += motion.velocity(t)[axis] - (motion.place[axis](t, 1) if axis < 2 else 0)
@@ -202,7 +206,7 @@ def wrong(motion: Motion, t: Number, close: float = 1e-30) -> list[str]:
             slope = out[1]
         still = given * np.array([1, 0, 0, 1, 0, 0])  # the rate is L v where lengths that are given do not change
         free = np.zeros((len(table.kind), 3), object)
-        q.measure(table, k, motion.tree(), y, still, reference(motion, table, t), free)
+        q.measure(table, k, made, y, still, near(t), free)
         errors = [abs(out[1] - slope), abs(free[k, 1] - row @ v), abs(out[2] + row @ a - bend)]
         if code != 0 or max(errors) > close:
             bad.append(f"base {motion.base} plane {motion.plane} kind {kind}: {[mpmath.nstr(error, 3) for error in errors]}")
