@@ -102,19 +102,19 @@ def uniform_rod() -> tuple[Callable[..., float], Callable[..., float]]:
     return sp.lambdify([length, mass], com), sp.lambdify([length, mass], inertia)
 
 
-@cache
-def lagrange_equations(n: int, ski: bool) -> Callable[..., tuple[Array, Array]]:
+def derived(
+    kinetic: sp.Expr, potential: sp.Expr, q: Sequence[sp.Symbol], v: Sequence[sp.Symbol], data: Sequence[sp.Symbol] = ()
+) -> Callable[..., tuple[Array, Array]]:
     """Derive d/dt dL/dv - dL/dq; return a function (q, v, data) -> mass matrix, bias.
 
     The momenta are derived symbolically. They are linear in v, so their values at unit rates are the mass matrix. Derivatives
     along q are taken in numbers, to all digits: Im f(q + i h e) / h with an h whose square is nothing.
     """
-    model = lagrangian(n, ski)
-    momenta = [sp.diff(model.kinetic, v) for v in model.v]
-    symbols, size, h = [*model.q, *model.v, *model.data], len(model.q), 1e-30
-    compiled = sp.lambdify(symbols, [*momenta, model.kinetic - model.potential], modules="numpy", cse=True)
+    size, h = len(q), 1e-30
+    momenta = [sp.diff(kinetic, rate) for rate in v]
+    compiled = sp.lambdify([*q, *v, *data], [*momenta, kinetic - potential], modules="numpy", cse=True)
 
-    def evaluate(q: Sequence[float], v: Sequence[float], data: Sequence[float]) -> tuple[Array, Array]:
+    def evaluate(q: Sequence[float], v: Sequence[float], data: Sequence[float] = ()) -> tuple[Array, Array]:
         point, rates = np.asarray(q, dtype=float)[:, None], np.asarray(v, dtype=float)[:, None]
         flat, unit = np.zeros((size, size)), np.eye(size)
         along = np.hstack([flat, unit, rates])  # at rest with unit rates; along each coordinate; along the motion
@@ -124,6 +124,13 @@ def lagrange_equations(n: int, ski: bool) -> Callable[..., tuple[Array, Array]]:
         return values[:size, :size].real, slope[:size, -1] - slope[-1, size:-1]
 
     return evaluate
+
+
+@cache
+def lagrange_equations(n: int, ski: bool) -> Callable[..., tuple[Array, Array]]:
+    """Lagrange's equations of a chain: a function (q, v, data) -> mass matrix, bias."""
+    model = lagrangian(n, ski)
+    return derived(model.kinetic, model.potential, model.q, model.v, model.data)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,20 @@ def test_there_are_models() -> None:
     assert [path.stem for path in MODELS] == ["humanoid_on_its_soles", "humanoid_on_snowboard", "pole_on_an_arm", "ur5_circle"]
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser | None]:
+    """One for all pages; None where there is no Chromium."""
+    if find_browser() is None:
+        yield None
+        return
+    with Browser() as made:
+        yield made
+
+
 @pytest.mark.parametrize("path", MODELS, ids=[path.stem for path in MODELS])
-def test_a_model_runs_and_is_seen(path: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_model_runs_and_is_seen(
+    path: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], browser: Browser | None
+) -> None:
     assert main(["run", str(path), "-o", str(tmp_path), "--quiet"]) == 0
     said, wrong = capfd.readouterr()
     assert not wrong or (wrong.startswith("vlmb: compiling") and wrong.count("\n") == 1)  # nor what a library prints by itself
@@ -43,13 +56,12 @@ def test_a_model_runs_and_is_seen(path: Path, tmp_path: Path, capfd: pytest.Capt
         vlmb.plots.save_all(trajectory, tmp_path, only=["enrgy"])
     with pytest.raises(vlmb.VlmbError, match="show one run: plot each run by itself"):
         vlmb.plots.save_all([trajectory, trajectory], tmp_path)
-    if find_browser() is None:
+    if browser is None:
         pytest.skip("no Chromium is installed, so no page can be looked at")
-    with Browser() as browser:
-        browser.open(page.as_uri())
-        browser.run("vlmb.seek(1.0)")
-        assert browser.complaints() == []
-        assert [url for url in browser.requests() if not url.startswith(("file:", "data:"))] == []
+    browser.open(page.as_uri())
+    browser.run("vlmb.seek(1.0)")
+    assert browser.complaints() == []
+    assert [url for url in browser.requests() if not url.startswith(("file:", "data:"))] == []
 
 
 def test_a_scene_with_robots_is_told_and_checked(capsys: pytest.CaptureFixture[str]) -> None:

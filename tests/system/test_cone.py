@@ -20,14 +20,19 @@ def answered(found: Answer | Refusal) -> Answer:
     return found
 
 
-# 1000 random problems -------------------------------------------------------------------------------------------------
+# Random problems ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_random_problems(count: int) -> None:
+    """250 of each have a test of acceptance."""
+    random_problems(count, 100)
+
+
+def random_problems(count: int, many: int) -> None:
     """The law holds to 1e-12; where Pinocchio's solver is exact, velocities agree to 1e-10, and impulses where determined."""
     compared, others = 0, 0
-    for seed in range(250):
+    for seed in range(many):
         problem = random_problem(1000 * count + seed, count)
         found = answered(impact(problem.g, problem.v, problem.contacts))
         assert worst(problem, found.p) < 1e-12, seed
@@ -53,7 +58,7 @@ def test_random_problems(count: int) -> None:
         else:
             assert np.linalg.norm(found.p) <= np.linalg.norm(p) * (1.0 + 1e-9)
             assert float(found.p @ (p - found.p)) >= -1e-9 * float(p @ p)  # the nearest of a convex set to zero
-    assert compared >= 235 and others <= 3
+    assert compared >= 0.94 * many and others <= 3
 
 
 def planar(seed: int, count: int, mu: float, restitution: float) -> tuple[Array, Array, list[Contact]]:

@@ -12,6 +12,7 @@ import pytest
 import sympy as sp
 
 from tests.reference import exact
+from tests.reference.symbolic import derived
 from tests.reference.witness import Result, Witness
 
 G = 9.81
@@ -549,13 +550,8 @@ def lagrange(
     kinetic: Any, potential: Any, q: list[sp.Symbol], v: list[sp.Symbol]
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Mass matrix and bias of d/dt dT/dv - dT/dq + dV/dq as functions of (*q, *v)."""
-    momentum = [sp.diff(kinetic, b) for b in v]
-    mass = sp.Matrix([[sp.diff(p, b) for b in v] for p in momentum])
-    rows = [
-        sum(sp.diff(p, a) * b for a, b in zip(q, v, strict=True)) - sp.diff(kinetic, a) + sp.diff(potential, a)
-        for p, a in zip(momentum, q, strict=True)
-    ]
-    return sp.lambdify([*q, *v], mass, "numpy", cse=True), sp.lambdify([*q, *v], rows, "numpy", cse=True)
+    both, size = derived(kinetic, potential, q, v), len(q)
+    return (lambda *state: both(state[:size], state[size:])[0]), (lambda *state: both(state[:size], state[size:])[1])
 
 
 def unit(phi: sp.Symbol, psi: sp.Symbol) -> sp.Matrix:
