@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -30,10 +32,15 @@ def hanging(t, y):
     return np.concatenate([v, -9.81 - pull + np.append(pull[1:], 0.0)])
 
 
-@pytest.mark.parametrize("f, y, end", [(van_der_pol, [2.0, 0.0], 2000.0), (robertson, [1.0, 0.0, 0.0], 1e4)])
+@cache
+def exact_end(f, y, end):
+    return solve_ivp(f, (0.0, end), y, "Radau", rtol=1e-10, atol=1e-14).y[:, -1]
+
+
+@pytest.mark.parametrize("f, y, end", [(van_der_pol, (2.0, 0.0), 2000.0), (robertson, (1.0, 0.0, 0.0), 1e4)])
 @pytest.mark.parametrize("rtol", [1e-4, 1e-7])
 def test_stiff_motions_beside_scipy(f, y, end, rtol):
-    exact = solve_ivp(f, (0.0, end), y, "Radau", rtol=1e-10, atol=1e-14).y[:, -1]
+    exact = exact_end(f, y, end)
     theirs = solve_ivp(f, (0.0, end), y, "Radau", rtol=rtol, atol=1e-3 * rtol)
     run = drive(f, 0.0, np.array(y), end, "radau", rtol=rtol, atol=1e-3 * rtol)
     assert run.code == DONE
