@@ -97,7 +97,7 @@ RIGHT: dict[str, Control] = {
 @pytest.mark.parametrize("method", ["adams", "dop853", "radau", "rk4", "gauss"])
 @pytest.mark.parametrize("case", RIGHT)
 def test_what_is_right_raises_no_doubt(case: str, method: str) -> None:
-    for made, short in ((SWING, 0.002), (bent(PIVOT, 2), 0.001)):
+    for made, short in ((SWING, 0.002), (bent(PIVOT, 2), 0.001 if method == "rk4" else 0.002)):
         bounds = {"max_step": 1e-3} if case == "a short pulse" and method in ("adams", "dop853", "radau") else {}
         run = vlmb.simulate(made, duration=0.75, control=RIGHT[case], method=method, step=short, rtol=1e-7, atol=1e-9, **bounds)
         assert run.status in ("finished", "stopped"), run.message
