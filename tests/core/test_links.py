@@ -220,10 +220,15 @@ def chain(n: int) -> list[Link]:
 
 
 def test_evaluations_are_right_to_the_last_digits() -> None:
-    requests = [request(kind, chain(n), n, n <= 8) for kind in KINDS for n in (1, 5)]
+    right_to_the_last_digits((1, 5), LONG)
+
+
+def right_to_the_last_digits(beside_dense: tuple[int, ...], long: int) -> None:
+    """Chains of 1, 8, 50, 200 and 1000 links have tests of acceptance."""
+    requests = [request(kind, chain(n), n, True) for kind in KINDS for n in beside_dense]
     requests += [request(kind, BRANCHED, 3, True) for kind in KINDS]
-    requests += [request(t.PIVOT, chain(50), 1, False), request(t.SKI, chain(LONG), 2, False)]
-    requests += [request(trees.UPRIGHT_SKI, chain(LONG), 2, False)]
+    requests += [request(t.PIVOT, chain(50), 1, False), request(t.SKI, chain(long), 2, False)]
+    requests += [request(trees.UPRIGHT_SKI, chain(long), 2, False)]
     errors = judged(requests)
     assert max(entry.get("dense", 0.0) for entry in errors) < 1e-45
     assert max(entry["rates"] for entry in errors) < 2e-15, errors
@@ -236,5 +241,5 @@ def test_long_chains_are_right_to_the_last_digits() -> None:
 
 
 def error_of_chains(n: int) -> float:
-    """Largest error of the rates of chains of n links; a thousand have a test of acceptance."""
+    """Largest error of the rates of chains of n links."""
     return max(entry["rates"] for entry in judged([request(kind, chain(n), 5, False) for kind in (t.PIVOT, t.FREE)]))
