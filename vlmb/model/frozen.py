@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +27,26 @@ def copied(what: Frozen, **values: Any) -> Frozen:
     return made
 
 
-def fresh(arrays: Arrays) -> Arrays:
-    """Return copies of the arrays in a named tuple, and in those within it; one that holds no numbers serves all."""
-    return arrays._make([_fresh(part) for part in arrays])  # type: ignore[attr-defined]
+class Blank(Generic[Arrays]):
+    """A named tuple of arrays, and of such tuples, that is copied again and again; what holds no numbers serves all copies."""
+
+    def __init__(self, arrays: Arrays) -> None:
+        self.arrays, self.parts = arrays, [at for at, part in enumerate(arrays) if _holds_numbers(part)]
+
+    def copy(self) -> Arrays:
+        """Return a copy whose arrays may be written into."""
+        found = list(self.arrays)
+        for at in self.parts:
+            found[at] = _copy(found[at])
+        return self.arrays._make(found)  # type: ignore[attr-defined]
 
 
-def _fresh(part: Any) -> Any:
-    return fresh(part) if type(part) is not np.ndarray else part.copy() if part.size else part
+def _holds_numbers(part: Any) -> bool:
+    return part.size > 0 if isinstance(part, np.ndarray) else any(map(_holds_numbers, part))
+
+
+def _copy(part: Any) -> Any:
+    return part.copy() if type(part) is np.ndarray else part._make(map(_copy, part))
 
 
 class Remade:

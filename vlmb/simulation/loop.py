@@ -126,8 +126,9 @@ class Loop:
         t, states = self.driver.times[:count], self.driver.samples[:count]
         instant = self.extra or (None if count else (self.t, np.array(self.driver.point)))
         if instant is not None and not (count and t[-1] >= instant[0]):
-            t, states = np.append(t, instant[0]), np.vstack([states, instant[1]])
-        return Recorded(np.array(t), np.array(states))
+            return Recorded(np.append(t, instant[0]), np.vstack([states, instant[1]]))
+        whole = count == len(self.driver.times)  # else what is not filled would be kept with it
+        return Recorded(t, states) if whole else Recorded(np.array(t), np.array(states))
 
     def run(self) -> tuple[str, str]:
         """Go to the last sample, or to the end of a phase; return a status and a sentence. What user code raises goes through."""

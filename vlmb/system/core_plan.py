@@ -19,7 +19,7 @@ from vlmb.core.plant import Memory, Plant, make_memory
 from vlmb.core.row_arrays import HELD, PROJECTED, no_rows
 from vlmb.core.springs import AngleSprings, line_ups
 from vlmb.model.arrays import Arrays, make_arrays, renumbered_arrays
-from vlmb.model.frozen import copied, fresh
+from vlmb.model.frozen import Blank, copied
 from vlmb.model.layout import State
 from vlmb.model.mechanism import Mechanism
 from vlmb.model.names import LOST, STORED, GeneralizedForce, counted
@@ -92,7 +92,7 @@ class CorePlan:
         for name in ("reads_angles", "_blanks", "packed"):  # found once, for all of these
             getattr(self, name)
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
-        return copied(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
+        return copied(self, mechanism=mechanism, arrays=arrays, plant=Plant(arrays.tree, *self.plant[1:]))
 
     def placed(self, contacts: PhaseContacts) -> CorePlan:
         """Return this plan with the contacts of its phase at other places."""
@@ -110,11 +110,11 @@ class CorePlan:
     def memory(self, inputs: int = 0) -> Memory:
         """Make what evaluations write, with so many forces from outside."""
         if inputs not in self._blanks:
-            self._blanks[inputs] = make_memory(self.plant, self.arrays.given, inputs)
-        return fresh(self._blanks[inputs])
+            self._blanks[inputs] = Blank(make_memory(self.plant, self.arrays.given, inputs))
+        return self._blanks[inputs].copy()
 
     @cached_property
-    def _blanks(self) -> dict[int, Memory]:
+    def _blanks(self) -> dict[int, Blank[Memory]]:
         return {}
 
     @cached_property
