@@ -76,7 +76,8 @@ class Trajectory(Remade, Displayed):
     stats: dict[str, Any]
     versions: dict[str, str]
     t0: float = 0.0  # [s] of the start
-    doubts: tuple[str, ...] = Doubts()  # type: ignore[assignment]  # contradictions in what was recorded, in sentences
+    doubts: tuple[str, ...] = Doubts()  # type: ignore[assignment]
+    """Contradictions in what was recorded, in sentences; empty where there are none. Looked for when they are asked for."""
     stretches: tuple[Stretch, ...] = ()  # how contacts stood in each phase, and which samples it has
     events: tuple[Event, ...] = ()  # of contacts and of the scene, in order
 
