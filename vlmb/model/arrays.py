@@ -281,7 +281,7 @@ def renumbered_arrays(arrays: Arrays, scene: Scene) -> Arrays:
         ):  # fmt: skip
             if arrays.tree.link[row, column] and segment.motion == "free":
                 real[row, first : first + 3] = _spring(segment)
-    return copied(arrays, scene=scene, tree=Tree(*arrays.tree[:-1], real))
+    return copied(arrays, scene=scene, tree=arrays.tree._replace(real=real))
 
 
 def _constants(link: Link, index: LinkIndex, free: list[bool]) -> Array:

@@ -30,7 +30,7 @@ def renumbered(scene: SceneTables, changes: Mapping[str, Any]) -> dict[str, Any]
     for key, value in changes.items():
         if not (isinstance(key, str) and _is_allowed(value)):
             return None
-        first, *rest = (re.sub(r"\[(\w+)\]", r".\1", key) if "[" in key else key).split(".")
+        first, *rest = re.sub(r"\[(\w+)\]", r".\1", key).split(".")
         if first == "start" and rest:
             start[".".join(rest)] = float(value)
         elif first == "links" and len(rest) == 3 and rest[1] in ("lower", "upper") and rest[2] in SPRING:
@@ -38,7 +38,7 @@ def renumbered(scene: SceneTables, changes: Mapping[str, Any]) -> dict[str, Any]
             if at >= len(links):
                 return None
             segment, number = getattr(links[at], rest[1]), float(value)
-            if segment.motion != "free" or (rest[2] != "rest" and not _keeps(getattr(segment, rest[2]), number)):
+            if not _may_have(segment, rest[2], number):
                 return None
             links[at] = msgspec.structs.replace(links[at], **{rest[1]: msgspec.structs.replace(segment, **{rest[2]: number})})
         else:
@@ -65,12 +65,14 @@ def _is_renumbered(old: Segment, new: Segment) -> bool:
     if old == new:
         return True
     alike = msgspec.structs.replace(new, stiffness=old.stiffness, damping=old.damping, rest=old.rest) == old
-    return alike and old.motion == "free" and _keeps(old.stiffness, new.stiffness) and _keeps(old.damping, new.damping)
+    return alike and all(_may_have(old, name, getattr(new, name)) for name in SPRING)
 
 
-def _keeps(old: float, new: float) -> bool:
-    """Whether a stiffness or a damping may have another value: there is a spring, or a damper, as before."""
-    return new > 0.0 if old > 0.0 else new == 0.0
+def _may_have(segment: Segment, name: str, value: float) -> bool:
+    """Whether a number of SPRING may have another value: of a free segment, with a spring and a damper where it has them."""
+    if segment.motion != "free" or name == "rest":
+        return segment.motion == "free"
+    return value > 0.0 if getattr(segment, name) > 0.0 else value == 0.0
 
 
 def _is_allowed(value: Any) -> bool:

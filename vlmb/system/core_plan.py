@@ -92,7 +92,7 @@ class CorePlan:
         for name in ("reads_angles", "_blanks", "packed"):  # found once, for all of these
             getattr(self, name)
         arrays = renumbered_arrays(self.arrays, mechanism.scene)
-        return copied(self, mechanism=mechanism, arrays=arrays, plant=Plant(arrays.tree, *self.plant[1:]))
+        return copied(self, mechanism=mechanism, arrays=arrays, plant=self.plant._replace(tree=arrays.tree))
 
     def placed(self, contacts: PhaseContacts) -> CorePlan:
         """Return this plan with the contacts of its phase at other places."""
