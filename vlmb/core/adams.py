@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST, POWERS_OF_TWO
+from vlmb.core.adams_tables import ERROR_CONSTANTS, HIGHEST, NODES, POWERS_OF_TWO, WEIGHTS
 from vlmb.core.driver import (
     ACCEPTED,
     ATOL,
@@ -44,14 +44,13 @@ from vlmb.core.driver import (
 )
 from vlmb.core.first_step import is_finite
 from vlmb.core.jit import inner
-from vlmb.core.lanes import LANES, by_fours, side_by_side, sum_of
+from vlmb.core.lanes import LANES, by_fours, side_by_side, sum_of, wide
 
 PHI = OWN  # rows PHI + i, i = 1 ... k + 2
 PREDICTED = OWN + 16  # rows of the same differences at the new time, by the predictor
 SCALE = OWN + 30  # row of 1 / (atol + rtol |y|) at the start of the step
 INSIDE = OWN + 31  # row of a state within the step
-ALPHA, BETA, SIGMA, G, W, PSI, NEW_PSI = range(7)  # rows of the table, columns from 1
-G_INSIDE, W_INSIDE = 7, 8  # for the interpolation
+ALPHA, BETA, SIGMA, G, PSI, NEW_PSI, G_INSIDE = range(7)  # rows of the table, columns from 1; the last for the interpolation
 PREDICTION, CORRECTION = 0, 1  # which slope is asked for
 SLOWEST, FASTEST, COLLAPSE = 0.5, 0.9, 0.1  # factors of a shorter step
 
@@ -107,13 +106,20 @@ def _make_coefficients(table: Array, h: float, k: int) -> None:
         table[BETA, i] = table[BETA, i - 1] * (table[NEW_PSI, i - 1] / table[PSI, i - 1])
         table[ALPHA, i] = h / table[NEW_PSI, i]
         table[SIGMA, i + 1] = i * table[ALPHA, i] * table[SIGMA, i]
-    for q in range(1, k + 2):
-        table[W, q] = 1.0 / q
-    table[G, 1] = 1.0
-    for i in range(2, k + 2):
-        for q in range(1, k + 3 - i):
-            table[W, q] -= table[ALPHA, i - 1] * table[W, q + 1]
-        table[G, i] = table[W, 1]
+    _integrate(table, G, NEW_PSI, h, k + 1)
+
+
+@inner
+def _integrate(table: Array, row: int, lengths: int, s: float, count: int) -> None:
+    """g_i = integral over u = 0 ... 1 of the product over j < i of (s u + psi_(j-1)) / length_j, psi_0 = 0, by Gauss."""
+    nodes, weights = wide(NODES), wide(WEIGHTS)
+    one, two = weights[0], weights[1]  # times the products, at four nodes each
+    table[row, 1] = 1.0
+    for i in range(2, count + 1):
+        inverse = 1.0 / table[lengths, i - 1]
+        slope, start = s * inverse, table[PSI, i - 2] * inverse
+        one, two = one * (slope * nodes[0] + start), two * (slope * nodes[1] + start)
+        table[row, i] = sum_of(one + two)
 
 
 @inner
@@ -273,17 +279,7 @@ def interpolate_adams(driver: Driver, t: float, y: Array) -> None:
     """y(t) = y1 + s sum g_i phi_i, s = t - t1 <= 0: the polynomial of the k + 1 newest slopes, integrated from the step's end."""
     rows, table = driver.rows, driver.table
     s, k = t - driver.real[T_NEW], driver.counts[LAST_ORDER] + 1
-    for i in range(1, k + 1):
-        table[W_INSIDE, i] = 1.0 / i
-    table[G_INSIDE, 1] = 1.0
-    behind = 0.0
-    for i in range(2, k + 1):
-        length = table[PSI, i - 1]
-        ratio, share = (s + behind) / length, s / length
-        for q in range(1, k + 2 - i):
-            table[W_INSIDE, q] = ratio * table[W_INSIDE, q] - share * table[W_INSIDE, q + 1]
-        table[G_INSIDE, i] = table[W_INSIDE, 1]
-        behind = length
+    _integrate(table, G_INSIDE, PSI, s, k)
     states = by_fours(rows)
     for m in range(rows.shape[1] // LANES):
         total = table[G_INSIDE, k] * states[PHI + k, m]

@@ -30,6 +30,7 @@ from vlmb.core.tree import (
     GRAVITY,
     LIFTED,
     LINKS,
+    PARENT,
     PIVOT,
     PLANTED,
     POSITIONS,
@@ -86,18 +87,31 @@ def arm(tree: Tree, rows: Array, i: int) -> tuple[Vector, Vector]:
 
 
 @kernel(inline=True)
+def is_fixed(tree: Tree, i: int) -> bool:
+    """Tell whether link i hangs on a fixed point: nobody asks what that feels."""
+    return tree.link[i, PARENT] < 0 and tree.shape[BASE_KIND] == PIVOT
+
+
+@kernel(inline=True)
+def is_carried_round(tree: Tree, i: int) -> bool:
+    """Tell whether the hinge of a root link moves as a ski turns: elsewhere r = tau = 0."""
+    return tree.shape[BASE_KIND] >= SKI and (tree.real[i, ANCHOR] != 0.0 or tree.real[i, ANCHOR + 1] != 0.0)
+
+
+@kernel(inline=True)
 def hang_inertia(tree: Tree, rows: Array, i: int, inertia: Sym3) -> None:
     """Add the inertia that a root link shows to the base, and what it feels of the whirl of the ski."""
     n = tree.shape[LINKS]
-    place, tau = arm(tree, rows, i)
     if tree.shape[UPRIGHT] != 0:
         inertia = in_plane(inertia)
-    coupled, drawn = times(inertia, tau), scale(-rows[n, c.SPIN], times(inertia, place))
     gather_sym3(rows, n, c.SUM, 1.0, inertia)
-    gather_vector(rows, n, c.TURN_SUM, 1.0, coupled)
-    gather_vector(rows, n, c.FORCE, 1.0, drawn)
-    rows[n, c.TURN_SQUARE] += dot(tau, coupled)
-    rows[n, c.TURN_FORCE] += dot(tau, drawn)
+    if is_carried_round(tree, i):
+        place, tau = arm(tree, rows, i)
+        coupled, drawn = times(inertia, tau), scale(-rows[n, c.SPIN], times(inertia, place))
+        gather_vector(rows, n, c.TURN_SUM, 1.0, coupled)
+        gather_vector(rows, n, c.FORCE, 1.0, drawn)
+        rows[n, c.TURN_SQUARE] += dot(tau, coupled)
+        rows[n, c.TURN_FORCE] += dot(tau, drawn)
 
 
 @kernel(inline=True)
@@ -111,17 +125,20 @@ def in_plane(m: Sym3) -> Sym3:
 def hang_force(tree: Tree, rows: Array, loads: Array, i: int, force: Vector) -> None:
     """Add the force of a root link on a hinge at rest."""
     n = tree.shape[LINKS]
-    _, tau = arm(tree, rows, i)
     gather_vector(loads, n, c.FORCE, 1.0, force)
-    loads[n, c.TURN_FORCE] += dot(tau, force)
+    if is_carried_round(tree, i):
+        _, tau = arm(tree, rows, i)
+        loads[n, c.TURN_FORCE] += dot(tau, force)
 
 
 @kernel(inline=True)
 def hinge_of_root(tree: Tree, rows: Array, loads: Array, i: int) -> Vector:
     """Find the acceleration of a root link's hinge, less gravity's."""
     n = tree.shape[LINKS]
-    place, tau = arm(tree, rows, i)
-    found = add_scaled(add_scaled(row_vector(loads, n, c.POINT), loads[n, c.YAW], tau), -loads[n, c.SPIN], place)
+    found = row_vector(loads, n, c.POINT)
+    if is_carried_round(tree, i):
+        place, tau = arm(tree, rows, i)
+        found = add_scaled(add_scaled(found, loads[n, c.YAW], tau), -loads[n, c.SPIN], place)
     if tree.shape[UPRIGHT] != 0:
         return Vector(found.x, 0.0 * found.y, found.z)  # sideways the plane has its own motion, see sideways.py
     return found

@@ -150,6 +150,8 @@ def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int
     c.keep_factors(rows, i, heading.d, place, body, factors)
     c.keep_load(rows, i, applied, held)
     keep_motion(rows, i, heading, turn, bias)
+    if base.is_fixed(tree, i):
+        return 0
     hang_inertia(tree, rows, i, place, out_of_blocks(axes, inertia))
     hang_force(tree, rows, rows, i, place, out_of(axes, felt.along, felt.across))
     return 0
@@ -201,4 +203,5 @@ def gather_force(tree: Tree, force: Array, rows: Array, loads: Array, i: int) ->
         )
         c.keep_rod_load(loads, i, rod_load)
     c.keep_load(loads, i, applied, held)
-    hang_force(tree, rows, loads, i, rows[i, c.ON_PARENT], out_of(axes, felt.along, felt.across))
+    if not base.is_fixed(tree, i):
+        hang_force(tree, rows, loads, i, rows[i, c.ON_PARENT], out_of(axes, felt.along, felt.across))

@@ -10,7 +10,7 @@ from vlmb.core.jit import kernel
 from vlmb.core.lanes import LANES, by_fours
 from vlmb.core.plain import Applied, Bias, Body, Factors, TipLoad, body_of
 from vlmb.core.rods import RodFactors, RodLoad
-from vlmb.core.tree import INERTIA, LINKS, MASS, ROD_CHILDREN, TIP_MASS, Array, Tree
+from vlmb.core.tree import BASE_KIND, INERTIA, LINKS, MASS, PIVOT, ROD_CHILDREN, TIP_MASS, Array, Tree
 from vlmb.core.vectors import Vector, put_pair, put_sym2, row_pair, row_sym2, row_vector
 
 # What hangs on the link: A (xx xy xz yy yz zz) and f of the force A a + f asked for at the tip; on the rod the same times powers
@@ -86,7 +86,7 @@ def clear(tree: Tree, rows: Array) -> None:
         for part in range(OF_TIP, OF_ROD if tree.link[i, ROD_CHILDREN] != 0 else OF_TIP):
             parts[i, part] = 0.0 * mass
         rows[i, TIP_INERTIA], rows[i, TIP_INERTIA + 3], rows[i, TIP_INERTIA + 5] = mass, mass, mass
-    for part in range(OF_BASE):
+    for part in range(OF_BASE if tree.shape[BASE_KIND] != PIVOT else 0):
         parts[tree.shape[LINKS], part] = 0.0 * tree.base[0]
 
 
@@ -99,10 +99,11 @@ def clear_forces(tree: Tree, loads: Array) -> None:
             loads[i, j] = zero
         for j in range(ROD_FORCE, ROD_MOMENT + 3 if tree.link[i, ROD_CHILDREN] != 0 else ROD_FORCE):
             loads[i, j] = zero
-    for j in range(FORCE, FORCE + 3):
-        loads[n, j] = zero
-    for j in (TURN_FORCE, SPIN, YAW):
-        loads[n, j] = zero
+    if tree.shape[BASE_KIND] != PIVOT:
+        for j in range(FORCE, FORCE + 3):
+            loads[n, j] = zero
+        for j in (TURN_FORCE, SPIN, YAW):
+            loads[n, j] = zero
 
 
 @kernel(inline=True)

@@ -30,7 +30,8 @@ def renumbered(scene: SceneTables, changes: Mapping[str, Any]) -> dict[str, Any]
     for key, value in changes.items():
         if not (isinstance(key, str) and _is_allowed(value)):
             return None
-        first, *rest = re.sub(r"\[(\w+)\]", r".\1", key).split(".")
+        path = re.sub(r"\[(\w+)\]", r".\1", key) if "[" in key else key
+        first, *rest = path.split(".")
         if first == "start" and rest:
             start[".".join(rest)] = float(value)
         elif first == "links" and len(rest) == 3 and rest[1] in ("lower", "upper") and rest[2] in SPRING:

@@ -49,7 +49,7 @@ from vlmb.simulation.methods import find_method
 from vlmb.simulation.onto import step_onto
 from vlmb.simulation.passage import Passage, Passing
 from vlmb.simulation.phases import Turn
-from vlmb.simulation.stretch_ends import UNDER, arrive, gap_at, leave, refuse_start
+from vlmb.simulation.stretch_ends import arrive, gap_at, leave, looked_for, refuse_start
 from vlmb.simulation.stuck import why_stuck
 from vlmb.simulation.switches import TOO_MANY, drives_back, earliest, go_beyond
 from vlmb.system import interrupts
@@ -82,15 +82,12 @@ class Loop:
         self.method, self.controlled = find_method(run.method), longest < np.inf
         self.h_max = longest if run.max_step is None else run.max_step
         step = 0.0 if self.method.adaptive else run.step or DEFAULT_STEP
-        directions = np.array([event.direction for event in engine.events])
+        directions, near = looked_for(tuple(engine.events))
         self.driver = make_driver(
             self.method.driver, engine.size, times, directions, rtol=run.rtol, atol=run.atol, step=step, h_max=self.h_max,
             slice_size=engine.first_slice,
         )  # fmt: skip
-        self.driver.point[:] = y
-        for k, event in enumerate(engine.events):
-            if event.ends:
-                self.driver.indicators[ZERO, k], self.driver.indicators[ZERO_RATE, k] = event.slack, UNDER
+        self.driver.point[:], self.driver.indicators[ZERO : ZERO_RATE + 1] = y, near
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches

@@ -9,6 +9,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -186,7 +187,8 @@ def run_system(
         mover = make_engine(system, begin.branch, control)
         y = mover.pack(begin.state)
         said = jumps(start, begin) if isinstance(start, End) else []
-        begin = begin._replace(adjustments=(*begin.adjustments, *said, *_balanced(system, mover, y, begin)))
+        said += _balanced(system, mover, y, begin)
+        begin = begin._replace(adjustments=(*begin.adjustments, *said)) if said else begin
         end = t0 + run.duration
         bounds = longest_steps(mechanism.scene, t0, end) if system.timed else NO_BOUNDS
         bounds = watched(bounds, mechanism.scene, t0, end, system.until is not None)
@@ -326,10 +328,7 @@ def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: fl
         many = f"run.duration = {run.duration:g} s at run.samples = {run.samples:g} per second"
         raise SceneError(f"{many}: at most {MAX_SAMPLES} samples")
     if t_eval is None:
-        count, end = max(MIN_SAMPLES, math.ceil(run.duration * run.samples)), t0 + run.duration
-        times = t0 + np.arange(count + 1, dtype=float) * ((end - t0) / count)
-        times[-1] = end
-        return times
+        return _evenly(float(t0), run.duration, max(MIN_SAMPLES, math.ceil(run.duration * run.samples))).copy()
     try:
         times = np.array(t_eval, dtype=float)
     except (TypeError, ValueError):
@@ -338,4 +337,13 @@ def sample_times(run: Run, t_eval: Sequence[float] | Array | None = None, t0: fl
         raise SceneError("t_eval: must be a non-empty list of finite times [s]")
     if (np.diff(times) <= 0.0).any() or times[0] < t0 or times[-1] > t0 + run.duration + 1e-12 * (abs(t0) + run.duration):
         raise SceneError(f"t_eval: times must ascend within [{t0:g}, {t0 + run.duration:g}] s")
+    return times
+
+
+@lru_cache(maxsize=1)
+def _evenly(t0: float, duration: float, count: int) -> Array:
+    """Return `count` steps from t0 on, to be copied: runs of an ensemble have the same."""
+    end = t0 + duration
+    times = t0 + np.arange(count + 1, dtype=float) * ((end - t0) / count)
+    times[-1] = end
     return times

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,20 @@ from vlmb.core.driver import ATOL, NEXT_SAMPLE, RTOL, Driver
 from vlmb.errors import SceneError, SimulationError, VlmbError
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.switches import over
-from vlmb.system.events import FALL
+from vlmb.system.events import FALL, Event
 
 Array = NDArray[np.float64]
 
 INSIDE = 1e-12  # relative distance kept from a break of a law
 COUNTS, STEEP = 10.0, 1.9  # tolerances that a gap may take; how much a pole grows from twice the gap to it
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
+
+
+@lru_cache(maxsize=4)
+def looked_for(events: tuple[Event, ...]) -> tuple[Array, Array]:
+    """Return the directions (e,) of events, and what counts as 0 of their indicators and rates (2, e) at a start."""
+    near = [(event.slack, UNDER) if event.ends else (0.0, 0.0) for event in events]
+    return np.array([event.direction for event in events]), np.array(near).reshape(-1, 2).T.copy()
 
 
 def refuse_start(engine: Engine, t: float, y: Array) -> None:

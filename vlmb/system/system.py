@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,9 +43,10 @@ from vlmb.system.workspace import Workspace
 Array = NDArray[np.float64]
 
 KNIFE_EDGES = ("reduction", "multiplier", "projection")
-OF_THE_MARCH: Mapping[str, Any] = {"duration": 1.0, "rtol": 1e-6, "atol": 1e-6, "samples": 1.0, "max_step": None}  # no equation's
+OF_THE_MARCH = ("duration", "rtol", "atol", "samples", "max_step")  # options that are no equation's
+_of_equations = operator.attrgetter(*(key for key in Run.__struct_fields__ if key not in OF_THE_MARCH))
 RECENT = 4
-_made: tuple[tuple[System, Run], ...] = ()  # the last ones: runs of one mechanism share what is compiled
+_made: tuple[tuple[System, tuple[Any, ...]], ...] = ()  # the last ones: runs of one mechanism share what is compiled
 _akin: tuple[Scene, Scene] | None = None  # the last two scenes that were seen to differ in numbers
 
 
@@ -270,7 +272,8 @@ def make_system(
 
     Raises SceneError for what is wrong with forces, equations, programme, gains or options.
     """
-    run = msgspec.structs.replace(mechanism.scene.run if run is None else run, **options)
+    run = mechanism.scene.run if run is None else run
+    run = msgspec.structs.replace(run, **options) if options else run
     if inputs is None and contacts is None:
         return _shared(mechanism, run)
     return _compiled(mechanism, run, inputs, contacts)
@@ -305,15 +308,15 @@ def _shared(mechanism: Mechanism, run: Run) -> System:
     It is compiled again only where the scene differs from others before in more than numbers.
     """
     global _made
-    alone = msgspec.structs.replace(run, **OF_THE_MARCH)
-    before = [made for made, equations in _made if equations == alone]
+    own = _of_equations(run)
+    before = [made for made, equations in _made if equations == own]
     for made in before:
         if made.mechanism is mechanism:
             return made.with_run(run)
     ran = [made for made in before if "core_plan" in made.__dict__ and made.engine == "core"]
     akin = next((made for made in ran if _are_akin(made.mechanism.scene, mechanism.scene)), None)
     system = _compiled(mechanism, run) if akin is None else akin.with_numbers(mechanism, run)
-    _made = ((system, alone), *_made[: RECENT - 1])
+    _made = ((system, own), *_made[: RECENT - 1])
     return system
 
 
