@@ -143,10 +143,11 @@ def test_a_name_that_the_terminal_has_no_letters_for(encoding: str, tmp_path: Pa
 def test_closed_streams(closed: str, tmp_path: Path) -> None:
     """Files that are opened then must not take the place of the output."""
     write_toml(tmp_path / "one.toml", NAMED)
-    assert shell(tmp_path, f"vlmb run one.toml -o out {closed}").returncode == 0
+    every = closed == "<&- >&- 2>&-"  # pictures take most of the time
+    assert shell(tmp_path, f"vlmb run one.toml -o out {'' if every else '--no-plots'} {closed}").returncode == 0
     assert vlmb.load_trajectory(tmp_path / "out" / "run.npz").status == "finished"
     assert (tmp_path / "out" / "run.csv").read_text(encoding="utf-8").startswith("t [s],phi1")
-    assert (tmp_path / "out" / "energy.png").read_bytes().startswith(b"\x89PNG")
+    assert not every or (tmp_path / "out" / "energy.png").read_bytes().startswith(b"\x89PNG")
     assert shell(tmp_path, f"vlmb run none.toml {closed}").returncode == 1
 
 
