@@ -18,10 +18,11 @@ from hypothesis import strategies as st
 from tests.core import dense, trees
 from tests.core.trees import Case, Link
 from vlmb.core import tree as t
+from vlmb.core.base import edge_force
 from vlmb.core.energy import energies, places
 from vlmb.core.jit import COMPILED
 from vlmb.core.links import accelerate, respond
-from vlmb.core.scratch import Scratch, axial_forces, edge_force, make_lanes, make_scratch
+from vlmb.core.scratch import Scratch, axial_forces, make_lanes, make_scratch
 from vlmb.core.tree import Tree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -158,7 +159,7 @@ def test_the_knife_edge_holds_a_ski_that_could_slide(seed: int, on_rod: bool, ki
     more[:, t.AT_V] += 1
     dy, scratch = evaluate(ski)
     free = Tree(tree.shape + np.array([t.SLIDING - t.SKI, 0, 1, 0, 0, 0]), tree.base, more, tree.real)
-    sliding = Case(free, np.insert(y, p + 1, 0.0), given, np.insert(force, 1, edge_force(scratch)))
+    sliding = Case(free, np.insert(y, p + 1, 0.0), given, np.insert(force, 1, edge_force(tree, scratch.rows)))
     right = np.insert(dy, p + 1, 0.0)
     assert relative(evaluate(sliding)[0], right) < 1e-13
 

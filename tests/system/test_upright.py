@@ -13,7 +13,7 @@ from tests.anchored import anchored
 from tests.reference.particles import Particles
 from tests.small_scenes import ANY_LENGTH, FIXED, SKI, TIGHT, Table, bent, link, scene, table
 from tests.system.test_core_rows import programme, shares
-from vlmb.core.scratch import edge_force
+from vlmb.core.base import edge_force
 from vlmb.core.tree import AT_P, AT_V
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine
@@ -85,7 +85,7 @@ def test_accelerations_and_the_edge_are_those_of_mass_points(name: str, form: st
                     found.append(dy[plan.arrays.length_at(i, side)[1] - plan.positions])
                     expected.append(right[f"xi{i + 1}_{side}"])
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
-        felt = edge_force(engine.memory.scratch) if form == "reduction" else shares(engine)[1][0]
+        felt = edge_force(engine.plan.plant.tree, engine.memory.scratch.rows) if form == "reduction" else shares(engine)[1][0]
         assert felt == pytest.approx(edge, rel=1e-9, abs=1e-9 * np.abs(expected).max())
 
 

@@ -41,10 +41,14 @@ from vlmb.core.tree import (
     Tree,
 )
 from vlmb.core.vectors import (
+    Pair,
+    Sym2,
     Sym3,
     Vector,
     add,
     add_scaled,
+    adjugate2,
+    determinant2,
     dot,
     gather_sym3,
     gather_vector,
@@ -53,7 +57,9 @@ from vlmb.core.vectors import (
     row_sym3,
     row_vector,
     scale,
+    scale2,
     times,
+    times2,
     vector,
 )
 
@@ -162,6 +168,13 @@ def solve3(m: Sym3, f: Vector) -> tuple[bool, Vector]:
 
 
 @kernel(inline=True)
+def solve2(m: Sym2, f: Pair) -> tuple[bool, Pair]:
+    """Solve M x = f; returns whether M is positive definite, and x."""
+    det = determinant2(m)
+    return m.one > 0.0 and det > TINY * m.one * m.two, scale2(reciprocal(det), times2(adjugate2(m), f))
+
+
+@kernel(inline=True)
 def base_bias(tree: Tree, y: Array, rows: Array) -> Vector:
     """Find the acceleration of the base's point, less gravity's, when its velocities stay what they are."""
     point = scale(-1.0, vector(tree.base, GRAVITY))
@@ -232,42 +245,38 @@ def move_lifted(tree: Tree, bias: Vector, force: Array, out: Array, at: int, row
 def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: Array, loads: Array) -> int:
     """Solve for speed', [sideways'] and phi'' of a ski; a reduced knife edge crosses the second row and column out."""
     n = tree.shape[LINKS]
-    reduced = tree.shape[BASE_KIND] == SKI
     mass, offset, inertia, spin = tree.base[BASE_MASS], tree.base[COM_OFFSET], tree.base[BASE_INERTIA], loads[n, c.SPIN]
     forward, left = heading(tree, rows)
     sums, asked, coupled = row_sym3(rows, n, c.SUM), row_vector(loads, n, c.FORCE), row_vector(rows, n, c.TURN_SUM)
-    sum_forward, sum_left, lever = times(sums, forward), times(sums, left), mass * offset
+    sum_forward, lever = times(sums, forward), mass * offset
     # forces and yaw moment felt at the bias
     felt = add_scaled(add(times(sums, bias), asked), mass, bias)
     yaw = dot(coupled, bias) + lever * dot(left, bias) + loads[n, c.TURN_FORCE]
-    matrix = Sym3(
-        mass + dot(forward, sum_forward), dot(forward, sum_left), dot(forward, coupled),
-        mass + dot(left, sum_left), lever + dot(left, coupled), inertia + lever * offset + rows[n, c.TURN_SQUARE],
-    )  # fmt: skip
-    along = force[0] + lever * spin - dot(forward, felt)
-    if reduced:
-        zero = 0.0 * mass
-        matrix = Sym3(matrix.xx, zero, matrix.xz, 1.0 + zero, zero, matrix.zz)
-        sound, found = solve3(matrix, Vector(along, zero, force[1] - yaw))
-        out[at], out[at + 1] = found.x, found.z
-    else:
-        sound, found = solve3(matrix, Vector(along, force[1] - dot(left, felt), force[2] - yaw))
-        put(out, at, found)
+    along, turning = force[0] + lever * spin - dot(forward, felt), inertia + lever * offset + rows[n, c.TURN_SQUARE]
+    ahead, mixed = mass + dot(forward, sum_forward), dot(forward, coupled)
+    if tree.shape[BASE_KIND] == SKI:
+        sound, moved = solve2(Sym2(ahead, mixed, turning), Pair(along, force[1] - yaw))
+        out[at], out[at + 1] = moved.one, moved.two
+        put_row(loads, n, c.POINT, add_scaled(bias, moved.one, forward))
+        loads[n, c.YAW] = moved.two
+        return 0 if sound else FREE_BASE
+    sum_left = times(sums, left)
+    matrix = Sym3(ahead, dot(forward, sum_left), mixed, mass + dot(left, sum_left), lever + dot(left, coupled), turning)
+    sound, found = solve3(matrix, Vector(along, force[1] - dot(left, felt), force[2] - yaw))
+    put(out, at, found)
     put_row(loads, n, c.POINT, add_scaled(add_scaled(bias, found.x, forward), found.y, left))
     loads[n, c.YAW] = found.z
     return 0 if sound else FREE_BASE
 
 
-@kernel(inline=True)
-def write_edge(tree: Tree, rows: Array) -> None:
-    """Write the force of a reduced knife edge: what ski and links ask for sideways."""
+def edge_force(tree: Tree, rows: Array) -> float:
+    """Return the force [N] to the left on a ski from its reduced knife edge at the last `accelerate`."""
     n = tree.shape[LINKS]
-    if tree.shape[BASE_KIND] == SKI:
-        _, left = heading(tree, rows)
-        point, yaw, mass = row_vector(rows, n, c.POINT), rows[n, c.YAW], tree.base[BASE_MASS]
-        felt = add(times(row_sym3(rows, n, c.SUM), point), row_vector(rows, n, c.FORCE))
-        felt = add_scaled(add_scaled(felt, yaw, row_vector(rows, n, c.TURN_SUM)), mass, point)
-        rows[n, c.EDGE] = dot(left, felt) + mass * tree.base[COM_OFFSET] * yaw
+    _, left = heading(tree, rows)
+    point, yaw, mass = row_vector(rows, n, c.POINT), rows[n, c.YAW], tree.base[BASE_MASS]
+    felt = add(times(row_sym3(rows, n, c.SUM), point), row_vector(rows, n, c.FORCE))
+    felt = add_scaled(add_scaled(felt, yaw, row_vector(rows, n, c.TURN_SUM)), mass, point)
+    return float(dot(left, felt) + mass * tree.base[COM_OFFSET] * yaw)
 
 
 @kernel(inline=True)

@@ -59,7 +59,6 @@ def accelerate_here(tree: Tree, y: Array, given: Array, force: Array, dy: Array,
     fault = base.move_base(tree, base.base_bias(tree, y, rows), force, dy, tree.shape[POSITIONS], rows, rows)
     if fault != 0:
         return fault * PLACES + n
-    base.write_edge(tree, rows)
     base.drive_base(tree, y, dy, rows)
     for i in range(n):
         spread(tree, y, dy, rows, i)

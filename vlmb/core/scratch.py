@@ -33,10 +33,10 @@ HINGE_AHEAD, TIP_AHEAD, ASIDE = 89, 91, 93
 WIDTH = 96  # a multiple of a line of the processor's cache
 
 # The base has the last row. What hangs on it (see base.py): S0, f0, S1, S2, f1; cos and sin of phi0, phi'^2; the acceleration of
-# its point, less gravity's, and phi''; the force of the knife edge; the ski's direction ahead; the force on a planted base.
+# its point, less gravity's, and phi''; the ski's direction ahead; the force on a planted base.
 # Vectors are in the frame of the directions.
-SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE, COSINE, SINE, SPIN, POINT, YAW, EDGE = 0, 6, 9, 12, 13, 14, 15, 16, 17, 20, 21
-AHEAD, GROUND = 22, 24
+SUM, FORCE, TURN_SUM, TURN_SQUARE, TURN_FORCE, COSINE, SINE, SPIN, POINT, YAW = 0, 6, 9, 12, 13, 14, 15, 16, 17, 20
+AHEAD, GROUND = 21, 23
 
 # Parts of a row, LANES wide, that gather what hangs on a tip, then on a rod; all that the base keeps
 OF_TIP, OF_ROD, OF_BASE = 3, 9, 7
@@ -68,11 +68,6 @@ def make_scratch(tree: Tree, dtype: Any = np.float64) -> Scratch:
 def axial_forces(scratch: Scratch) -> Array:
     """View the forces (n, 2) [N] that given segments took at the last `accelerate`, along their growth; 0 for free ones."""
     return scratch.rows[:-1, AXIAL : AXIAL + 2]
-
-
-def edge_force(scratch: Scratch) -> float:
-    """Return the force [N] to the left on a ski from its knife edge at the last `accelerate`; 0 for other bases."""
-    return float(scratch.rows[-1, EDGE])
 
 
 @kernel(inline=True)
