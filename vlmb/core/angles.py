@@ -123,8 +123,12 @@ def push_plane_elevation(tree: Tree, y: Array, which: int, force: float, out: Ar
 @inner
 def plane_angle(tree: Tree, y: Array, first: int, second: int, near: float) -> Moving:
     """Return psi of the second direction less psi of the first, by whole turns nearest to a reference."""
-    a, b = plane_elevation(tree, y, first), plane_elevation(tree, y, second)
-    return nearest_turn(b[0] - a[0], near), b[1] - a[1], b[2] - a[2]
+    angle, rate, drift = 0.0 * near, 0.0 * near, 0.0 * near
+    for side in range(2):  # a loop keeps what is compiled short
+        which, sign = (second, 1.0) if side else (first, -1.0)
+        psi, psi1, psi2 = plane_elevation(tree, y, which)
+        angle, rate, drift = angle + sign * psi, rate + sign * psi1, drift + sign * psi2
+    return nearest_turn(angle, near), rate, drift
 
 
 # The angle between two directions

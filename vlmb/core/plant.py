@@ -53,7 +53,7 @@ class Plant(NamedTuple):
     driven: Integers  # (m, 4)
     springs: AngleSprings
     watch: Integers  # (e, 2) indicators of events
-    looked: Integers  # (any,) the quantities that they read
+    looked: Integers  # (any,) the quantities that they read, and those of the tape where it has switches
     bound: Array  # (e, 2)
     size: Integers  # (4,)
     rows: Rows

@@ -125,6 +125,16 @@ def push_centre_of_mass(share: Array, tree: Tree, y: Array, given: Array, e: Vec
             places.push_arm(tree, scaled(share[i, MASS_SHARE], places.arm_of(tree, h, i)), e, out)
 
 
+# Angles in a plane
+
+
+@inner
+def plane_directions(quantities: Quantities, k: int) -> tuple[int, int]:
+    """Return the directions that an angle in the upright plane is measured from and to."""
+    link = quantities.kind[k, LINK]
+    return (places.HEADING, link) if quantities.kind[k, KIND] == PLANE_ELEVATION else (link, quantities.kind[k, SECOND])
+
+
 # All kinds
 
 
@@ -156,10 +166,9 @@ def measure_here(
         code, found = angles.angle_between(tree, y, link, other)
     elif kind == CENTRE_OF_MASS:
         found = component_of(centre_of_mass(quantities.share, tree, y, given), other)
-    elif kind == PLANE_ELEVATION:
-        found = angles.plane_angle(tree, y, places.HEADING, link, reference[k, 1])
-    elif kind == PLANE_ANGLE:
-        found = angles.plane_angle(tree, y, link, other, reference[k, 1])
+    elif kind in (PLANE_ELEVATION, PLANE_ANGLE):
+        first, second = plane_directions(quantities, k)
+        found = angles.plane_angle(tree, y, first, second, reference[k, 1])
     elif kind >= CONSTANT:
         code, found = distance_quantity(quantities, k, tree, y, given)
     else:
@@ -179,6 +188,24 @@ def place_of(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array)
 
 
 @inner
+def end_of(quantities: Quantities, k: int, side: int) -> tuple[int, float]:
+    """Return the row of an end of a distance, and the sign with which it counts: of the first -1, of the second 1."""
+    return (quantities.kind[k, SECOND], 1.0) if side else (quantities.kind[k, LINK], -1.0)
+
+
+@inner
+def way_between(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> tuple[Vector, Vector, Vector]:
+    """Return the way from the first end of a distance to the second, its rate and drift; a loop keeps what is compiled short."""
+    zero = 0.0 * quantities.offset[k]
+    r, w, a = (zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
+    for side in range(2):
+        end, sign = end_of(quantities, k, side)
+        place, velocity, drift = place_of(quantities, end, tree, y, given)
+        r, w, a = plus(r, sign, place), plus(w, sign, velocity), plus(a, sign, drift)
+    return r, w, a
+
+
+@inner
 def distance_quantity(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array) -> tuple[int, Moving]:
     """Return code, and value, rate and drift of a constant, a distance l = |r| or l^2/2.
 
@@ -187,9 +214,7 @@ def distance_quantity(quantities: Quantities, k: int, tree: Tree, y: Array, give
     kind = quantities.kind[k, KIND]
     if kind == CONSTANT:
         return FINE, (quantities.offset[k], 0.0 * quantities.offset[k], 0.0 * quantities.offset[k])
-    first = place_of(quantities, quantities.kind[k, LINK], tree, y, given)
-    second = place_of(quantities, quantities.kind[k, SECOND], tree, y, given)
-    r, w, a = plus(second[0], -1.0, first[0]), plus(second[1], -1.0, first[1]), plus(second[2], -1.0, first[2])
+    r, w, a = way_between(quantities, k, tree, y, given)
     square, growth, bend = dot(r, r), dot(r, w), dot(r, a) + dot(w, w)
     if kind == HALF_SQUARE:
         return FINE, (0.5 * square, growth, bend)
@@ -202,9 +227,7 @@ def distance_quantity(quantities: Quantities, k: int, tree: Tree, y: Array, give
 @inner
 def push_ends(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array, scale: float, out: Array) -> int:
     """Add the row of a distance, or of half its square, times a force; return a code."""
-    first, second = quantities.kind[k, LINK], quantities.kind[k, SECOND]
-    a, b = place_of(quantities, first, tree, y, given)[0], place_of(quantities, second, tree, y, given)[0]
-    r = plus(b, -1.0, a)
+    r = way_between(quantities, k, tree, y, given)[0]
     if quantities.kind[k, KIND] == BETWEEN:
         length = sqrt(dot(r, r))
         if not length > MEETING:
@@ -212,8 +235,9 @@ def push_ends(quantities: Quantities, k: int, tree: Tree, y: Array, given: Array
         scale /= length
     if tree.shape[of.FLAT] != 0:
         r = r[0], 0.0 * r[1], r[2]
-    push_place(quantities, first, tree, y, given, scaled(-scale, r), out)
-    push_place(quantities, second, tree, y, given, scaled(scale, r), out)
+    for side in range(2):
+        end, sign = end_of(quantities, k, side)
+        push_place(quantities, end, tree, y, given, scaled(sign * scale, r), out)
     return FINE
 
 
@@ -269,11 +293,10 @@ def add_row_here(
         places.push_distance(tree, link, along, scale, out)
     elif kind == CENTRE_OF_MASS:
         push_centre_of_mass(quantities.share, tree, y, given, scaled(scale, axis(other)), out)
-    elif kind == PLANE_ELEVATION:
-        angles.push_plane_elevation(tree, y, link, scale, out)
-    elif kind == PLANE_ANGLE:
-        angles.push_plane_elevation(tree, y, link, -scale, out)
-        angles.push_plane_elevation(tree, y, other, scale, out)
+    elif kind in (PLANE_ELEVATION, PLANE_ANGLE):
+        first, second = plane_directions(quantities, k)
+        for side in range(2):
+            angles.push_plane_elevation(tree, y, second if side else first, scale if side else -scale, out)
     elif kind in (BETWEEN, HALF_SQUARE):
         return push_ends(quantities, k, tree, y, given, scale, out)
     elif kind == CONSTANT:
@@ -308,10 +331,9 @@ def follow(quantities: Quantities, tree: Tree, y: Array, reference: Array) -> No
         if kind in (AZIMUTH, ELEVATION):
             d = places.link_direction(tree, y, link)[0]
             reference[k, 0], reference[k, 1] = angles.read_angles(d, reference[k, 0], reference[k, 1])
-        elif kind == PLANE_ELEVATION:
-            reference[k, 1] = angles.plane_angle(tree, y, places.HEADING, link, reference[k, 1])[0]
-        elif kind == PLANE_ANGLE:
-            reference[k, 1] = angles.plane_angle(tree, y, link, quantities.kind[k, COMPONENT], reference[k, 1])[0]
+        elif kind in (PLANE_ELEVATION, PLANE_ANGLE):
+            first, second = plane_directions(quantities, k)
+            reference[k, 1] = angles.plane_angle(tree, y, first, second, reference[k, 1])[0]
 
 
 @kernel

@@ -278,16 +278,15 @@ def indicate(plant: Plant, memory: Memory, t: float, y: Array, dy: Array, out: A
     """
     tree, quantities = plant.tree, plant.quantities
     drive(plant, memory, t)
-    if plant.tape.switch.shape[0] > 0:
-        used, nv = plant.tape.used, tree.shape[of.VELOCITIES]
-        first = tree.shape[of.POSITIONS]
-        measure_these(quantities, used, tree, y, memory.given, memory.reference, memory.measured)
-        add_accelerations(
-            quantities, used, tree, y, memory.given, memory.reference, dy[first : first + nv], memory.row, memory.measured
-        )
-        evaluate_switches(plant.tape, memory.buffers, t, plant.parameters, memory.measured, memory.switches)
     if plant.looked.shape[0] > 0:
         measure_these(quantities, plant.looked, tree, y, memory.given, memory.reference, memory.measured)
+    if plant.tape.switch.shape[0] > 0:
+        first, nv = tree.shape[of.POSITIONS], tree.shape[of.VELOCITIES]
+        add_accelerations(
+            quantities, plant.tape.used, tree, y, memory.given, memory.reference, dy[first : first + nv], memory.row,
+            memory.measured,
+        )  # fmt: skip
+        evaluate_switches(plant.tape, memory.buffers, t, plant.parameters, memory.measured, memory.switches)
     if plant.springs.pair.shape[0] > 0:
         line_ups(plant.springs, tree, y, memory.lines)
     for k in range(plant.watch.shape[0]):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vlmb.core.calls import begin, resume
 from vlmb.core.driver import HIT, Driver
 from vlmb.simulation.engine import Engine
-from vlmb.system.events import FALLING, GRIP
+from vlmb.system.events import FALLING
 
 Array = NDArray[np.float64]
 
@@ -35,13 +37,14 @@ def take_hold(engine: Engine, y: Array, t: float, until: float, again: bool = Fa
     return t, hold.side
 
 
-def set_out(engine: Engine, driver: Driver, t: float, until: float, side: float = 0.0, resumed: bool = False) -> None:
+def set_out(
+    grips: Collection[tuple[int, float]], driver: Driver, t: float, until: float, side: float = 0.0, resumed: bool = False
+) -> None:
     """Go on from (t, `point`), as `begin` or `resume` does, with a ski that slides to a side or, at 0, stands.
 
     What holds it counts as not passed, and its speed as of that side: neither a law that jumped nor rounding may have it slip, or
-    turn, unseen.
+    turn, unseen. `grips`: its events, and their directions.
     """
-    grips = [(k, event.direction) for k, event in enumerate(engine.events) if event.kind == GRIP]
     if not resumed:
         driver.indicators[HIT] = 0.0
     for k, direction in grips:

@@ -82,12 +82,12 @@ class Loop:
         self.method, self.controlled = find_method(run.method), longest < np.inf
         self.h_max = longest if run.max_step is None else run.max_step
         step = 0.0 if self.method.adaptive else run.step or DEFAULT_STEP
-        directions, near = looked_for(tuple(engine.events))
+        self.looked = looked_for(tuple(engine.events))
         self.driver = make_driver(
-            self.method.driver, engine.size, times, directions, rtol=run.rtol, atol=run.atol, step=step, h_max=self.h_max,
-            slice_size=engine.first_slice,
+            self.method.driver, engine.size, times, self.looked.directions, rtol=run.rtol, atol=run.atol, step=step,
+            h_max=self.h_max, slice_size=engine.first_slice,
         )  # fmt: skip
-        self.driver.point[:], self.driver.indicators[ZERO : ZERO_RATE + 1] = y, near
+        self.driver.point[:], self.driver.indicators[ZERO : ZERO_RATE + 1] = y, self.looked.near
         self.t, self.start, self.last = start, start, float(times[-1])
         self.extra: tuple[float, Array] | None = None  # the instant of the event that ended the run
         self.switched: list[float] = []  # times of the last switches
@@ -98,7 +98,8 @@ class Loop:
         self.hand, self.handed = hand, 0  # what takes samples (times, states) while the run goes on, and how many it has
         self.told, self.kept = start, len(times)  # time that progress was told last; samples, at most
         self.slides_on, self.again = slides_on, False  # whether a contact has a speed at (t, y); whether this step is begun anew
-        refuse_start(engine, start, y)
+        if FALL in self.looked.kinds:
+            refuse_start(engine, start, y)
 
     @property
     def steps(self) -> int:
@@ -152,11 +153,12 @@ class Loop:
 
     def _stretch(self, end: float) -> str | None:
         """Go to a break, or the end; return a sentence if an event ends the run before."""
-        before, after = (gap_at(t, self.breaks, self.last - self.start) for t in (self.t, end))
+        before, after = [gap_at(t, self.breaks, self.last - self.start) for t in (self.t, end)]
         inside, until = self.t + before, end - after
-        leave(self.engine, self.driver, self.t, before, self.t == self.start)
+        if before or SWITCH in self.looked.kinds:
+            leave(self.engine, self.driver, self.t, before, self.t == self.start)
         inside, side = take_hold(self.engine, self.driver.point, min(inside, until), until)
-        set_out(self.engine, self.driver, inside, until, side)
+        set_out(self.looked.grips, self.driver, inside, until, side)
         if self.t != self.start and self._is_dependent():  # a break on the way through: the event itself has been
             self.t = min(inside, until)
             sentence = self._pass(until)
@@ -316,7 +318,7 @@ class Loop:
             if not drives_back(self.switched, self.last - self.start):
                 self.turns.append(Turn(self.t, f"the switch {event.name}"))
                 self.t, side = take_hold(self.engine, self.driver.point, self.t, until)
-                set_out(self.engine, self.driver, self.t, until, side, resumed=True)
+                set_out(self.looked.grips, self.driver, self.t, until, side, resumed=True)
                 return None
             self._end_here()
             return (
@@ -341,7 +343,7 @@ class Loop:
         self.driver.point[self.engine.velocities.start] = 0.0
         self.t, side = take_hold(self.engine, self.driver.point, self.t, until, self.t <= self.gripped)
         self.gripped = self.t
-        set_out(self.engine, self.driver, self.t, until, side)
+        set_out(self.looked.grips, self.driver, self.t, until, side)
 
     def _is_dependent(self) -> bool:
         """Whether ideal rows are worth less than what is to be looked at."""
@@ -355,7 +357,7 @@ class Loop:
             self._end_here()
             return found
         if found is None:
-            set_out(self.engine, driver, self.t, until)
+            set_out(self.looked.grips, driver, self.t, until)
             return None
         return self._along(found, until)
 
@@ -365,7 +367,7 @@ class Loop:
         self.t = float(found.t if crossing is None else crossing.t)
         found.write(driver, self.t)
         if crossing is None:
-            set_out(self.engine, driver, self.t, until)
+            set_out(self.looked.grips, driver, self.t, until)
             return None
         driver.indicators[HIT] = 0.0
         driver.indicators[HIT, crossing.indicator] = crossing.direction

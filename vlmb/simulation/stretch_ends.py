@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Collection
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from vlmb.core.driver import ATOL, NEXT_SAMPLE, RTOL, Driver
 from vlmb.errors import SceneError, SimulationError, VlmbError
 from vlmb.simulation.engine import Engine
 from vlmb.simulation.switches import over
-from vlmb.system.events import FALL, Event
+from vlmb.system.events import FALL, GRIP, Event
 
 Array = NDArray[np.float64]
 
@@ -22,11 +23,22 @@ COUNTS, STEEP = 10.0, 1.9  # tolerances that a gap may take; how much a pole gro
 UNDER = 1e-12  # [m, m/s] what counts as nothing at the start: a point under the snow, the way to a limit
 
 
+class Looked(NamedTuple):
+    """What a run looks for."""
+
+    directions: Array  # (e,) of events
+    near: Array  # (2, e) what counts as 0 of indicators and rates at a start
+    kinds: frozenset[int]
+    grips: tuple[tuple[int, float], ...]  # which events are of a ski that stops or slips, and their directions
+
+
 @lru_cache(maxsize=4)
-def looked_for(events: tuple[Event, ...]) -> tuple[Array, Array]:
-    """Return the directions (e,) of events, and what counts as 0 of their indicators and rates (2, e) at a start."""
+def looked_for(events: tuple[Event, ...]) -> Looked:
+    """Return what is looked for; runs of an ensemble have the same."""
     near = [(event.slack, UNDER) if event.ends else (0.0, 0.0) for event in events]
-    return np.array([event.direction for event in events]), np.array(near).reshape(-1, 2).T.copy()
+    directions = np.array([event.direction for event in events])
+    grips = tuple((k, event.direction) for k, event in enumerate(events) if event.kind == GRIP)
+    return Looked(directions, np.array(near).reshape(-1, 2).T.copy(), frozenset(event.kind for event in events), grips)
 
 
 def refuse_start(engine: Engine, t: float, y: Array) -> None:

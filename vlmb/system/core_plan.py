@@ -252,13 +252,13 @@ def make_core_plan(
     looked_at = watching or inputs is not None or _reads_angles(table) or timed
     if not events and (looked_at or len(rows.table)):
         watch, bounds, events = [(core.NOTHING, 0)], [(1.0, 0.0)], [Event(QUIET, FALLING, "", "")]
-    looked = sorted({which for form, which in watch if form in (core.QUANTITY, core.GROWTH)})
+    read = [which for form, which in watch if form in (core.QUANTITY, core.GROWTH)]
+    looked = sorted({*read, *(tape.used.tolist() if len(tape.switch) else ())})
     plant = Plant(
         tree=arrays.tree, quantities=table.made(), tape=tape,
         parameters=np.array([float(numbers[name]) for name in table.parameters]),
         force=np.array(forces, np.int64).reshape(-1, 3), driven=np.array(driven, np.int64).reshape(-1, 4),
-        springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2),
-        looked=np.array(looked, np.int64),
+        springs=AngleSprings(pairs, constants), watch=np.array(watch, np.int64).reshape(-1, 2), looked=np.array(looked, np.int64),
         bound=np.array(bounds, float).reshape(-1, 2), rows=rows, sliding=np.array(friction if centre >= 0 else ()),
         size=np.array([len(works), works.get("dissipation", -1), centre, reaches], np.int64),
     )  # fmt: skip
