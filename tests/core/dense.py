@@ -65,7 +65,7 @@ def model_of(tree: Tree, y: Any, given: Any) -> Model:
     """Build Jacobians at a state."""
     kind, positions, _, n, upright, _ = tree.shape
     zero = 0 * y[0]
-    base_columns = {t.PIVOT: 0, t.FREE: 3, t.SKI: 2, t.SLIDING: 3}[kind]
+    base_columns = {t.PIVOT: 0, t.FREE: 3, t.SKI: 2, t.SLIDING: 3, t.LIFTED: 4}[kind]
     width = base_columns + 5 * n
 
     def nothing() -> Any:
@@ -85,14 +85,16 @@ def model_of(tree: Tree, y: Any, given: Any) -> Model:
         context = getattr(y[2], "context", np)
         forward = vector(context.cos(y[2]), context.sin(y[2]), 0)
         left = vector(-context.sin(y[2]), context.cos(y[2]), 0)
-        yaw_column = base_columns - 1
-        origin, yaw_rate = vector(y[0], y[1], 0), v[yaw_column]
-        sideways = v[1] if kind == t.SLIDING else zero
+        yaw_column = 1 if kind == t.SKI else 2
+        origin, yaw_rate = vector(y[0], y[1], y[3] if kind == t.LIFTED else 0), v[yaw_column]
+        sideways = zero if kind == t.SKI else v[1]
         velocity = v[0] * forward + sideways * left
         bias = yaw_rate * (v[0] * left - sideways * forward)
         jacobian[:, 0] = forward
-        if kind == t.SLIDING:
+        if kind != t.SKI:
             jacobian[:, 1] = left
+        if kind == t.LIFTED:
+            velocity, jacobian[:, 3] = velocity + v[3] * up, up
 
     def carried(ahead: Any, aside: Any, high: Any) -> Point:
         """Point of the ski; of a base without a heading it is the base itself."""
@@ -225,8 +227,10 @@ def rates(tree: Tree, y: Any, given: Any, force: Any) -> tuple[Any, Any]:
         out[:3] = v[:3]
     elif kind != t.PIVOT:
         context = getattr(y[2], "context", np)
-        cosine, sine, sideways = context.cos(y[2]), context.sin(y[2]), v[1] if kind == t.SLIDING else 0 * y[0]
-        out[:3] = v[0] * cosine - sideways * sine, v[0] * sine + sideways * cosine, v[2 if kind == t.SLIDING else 1]
+        cosine, sine, sideways = context.cos(y[2]), context.sin(y[2]), 0 * y[0] if kind == t.SKI else v[1]
+        out[:3] = v[0] * cosine - sideways * sine, v[0] * sine + sideways * cosine, v[1 if kind == t.SKI else 2]
+        if kind == t.LIFTED:
+            out[3] = v[3]
     for link in tree.link:
         p, at, free = link[t.AT_P], link[t.AT_V], link[t.LOWER_FREE] + link[t.UPPER_FREE]
         d, u = y[p : p + 3], v[at : at + 3]

@@ -27,7 +27,7 @@ from vlmb.core.tree import Tree
 
 ROOT = Path(__file__).resolve().parents[2]
 LONG = 100 if COMPILED else 20
-KINDS = (t.PIVOT, t.FREE, t.SKI, t.SLIDING, trees.UPRIGHT_SKI, trees.UPRIGHT_SLIDING)
+KINDS = (t.PIVOT, t.FREE, t.SKI, t.SLIDING, t.LIFTED, trees.UPRIGHT_SKI, trees.UPRIGHT_SLIDING)
 BRANCHED = trees.tidy(
     t.FREE,
     [
@@ -66,7 +66,7 @@ def any_case(draw: st.DrawFn, raw: bool = False) -> Case:
     links = []
     for i in range(draw(st.integers(1, 6))):
         links.append(Link(draw(st.integers(-1, i - 1)), *(draw(flag) for _ in range(5))))
-    return trees.make(kind, trees.tidy(kind, links), draw(st.integers(0, 10**6)), raw=raw)
+    return trees.make(kind, trees.tidy(kind, links), draw(st.integers(0, 10**6)), draw(flag), raw)
 
 
 @settings(max_examples=200, deadline=None)

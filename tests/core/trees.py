@@ -10,9 +10,9 @@ import numpy as np
 from vlmb.core import tree as t
 from vlmb.core.tree import Array, Tree
 
-UPRIGHT_SKI, UPRIGHT_SLIDING = 4, 5  # kinds beside those of a base: links stay in upright planes along the ski
+UPRIGHT_SKI, UPRIGHT_SLIDING = -1, -2  # kinds beside those of a base: links stay in upright planes along the ski
 UPRIGHT_KINDS = {UPRIGHT_SKI: t.SKI, UPRIGHT_SLIDING: t.SLIDING}
-BASE_SIZES = {t.PIVOT: (0, 0), t.FREE: (3, 3), t.SKI: (3, 2), t.SLIDING: (3, 3)}
+BASE_SIZES = {t.PIVOT: (0, 0), t.FREE: (3, 3), t.SKI: (3, 2), t.SLIDING: (3, 3), t.LIFTED: (4, 4)}
 STIFFNESS, REST, DAMPING = 900.0, 0.25, 7.0
 
 
@@ -58,7 +58,8 @@ def make(kind: int, links: Sequence[Link], seed: int = 0, anchors: bool = True, 
         elif anchors and kind in (t.SKI, t.SLIDING):
             real[i, t.ANCHOR : t.ANCHOR + 3] = random.uniform(-0.5, 0.5, 3)
         given[i] = random.uniform(0.1, 0.4), *random.normal(size=2), random.uniform(0.1, 0.4), *random.normal(size=2)
-    base = np.array([random.uniform(1.0, 5.0), 0.6, 0.1, *random.normal(size=3) * 6.0])
+    ahead = 0.0 if kind == t.LIFTED else 0.1  # there the centre of the ski, and all hinges, are at A
+    base = np.array([random.uniform(1.0, 5.0), 0.6, ahead, *random.normal(size=3) * 6.0])
     y = random.normal(size=p + v)
     for row in ints:
         at, rate = row[t.AT_P], p + row[t.AT_V]

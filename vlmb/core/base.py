@@ -270,7 +270,7 @@ def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: 
 
 
 def edge_force(tree: Tree, rows: Array) -> float:
-    """Return the force [N] to the left on a ski from its reduced knife edge at the last `accelerate`."""
+    """Return the force [N] to the left that the reduced knife edge of a ski, of a SKI alone, took at the last `accelerate`."""
     n = tree.shape[LINKS]
     _, left = heading(tree, rows)
     point, yaw, mass = row_vector(rows, n, c.POINT), rows[n, c.YAW], tree.base[BASE_MASS]

@@ -115,7 +115,7 @@ def keep_motion(rows: Array, i: int, heading: Heading, turn: Pair, bias: Bias) -
 
 @kernel(inline=True)
 def gather(tree: Tree, y: Array, given: Array, force: Array, rows: Array, i: int) -> int:
-    """Factor and load link i and hand on what its hinge feels; returns a fault."""
+    """Factor and load link i and hand on what its hinge feels, to a fixed point nothing; returns a fault."""
     lower_free, upper_free = is_free(tree, i)
     if not 0.0 < norm_of(tree, y, i) < INFINITY:
         return NO_DIRECTION
@@ -182,7 +182,7 @@ def is_idle(tree: Tree, force: Array, loads: Array, i: int) -> bool:
 
 @kernel(inline=True)
 def gather_force(tree: Tree, force: Array, rows: Array, loads: Array, i: int) -> None:
-    """Load link i by forces alone and hand on what its hinge feels."""
+    """Load link i by forces alone and hand on what its hinge feels, to a fixed point nothing."""
     lower_free, upper_free = is_free(tree, i)
     at = tree.link[i, AT_V]
     if is_idle(tree, force, loads, i):
