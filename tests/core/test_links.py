@@ -16,9 +16,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from tests.core import dense, trees
+from tests.core.edge import edge_force
 from tests.core.trees import Case, Link
 from vlmb.core import tree as t
-from vlmb.core.base import edge_force
 from vlmb.core.energy import energies, places
 from vlmb.core.jit import COMPILED
 from vlmb.core.links import accelerate, respond

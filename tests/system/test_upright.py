@@ -10,10 +10,10 @@ import pytest
 
 import vlmb
 from tests.anchored import anchored
+from tests.core.edge import edge_force
 from tests.reference.particles import Particles
 from tests.small_scenes import ANY_LENGTH, FIXED, SKI, TIGHT, Table, bent, link, scene, table
 from tests.system.test_core_rows import programme, shares
-from vlmb.core.base import edge_force
 from vlmb.core.tree import AT_P, AT_V
 from vlmb.system.core_engine import CoreEngine
 from vlmb.system.engines import make_engine

@@ -269,16 +269,6 @@ def move_ski(tree: Tree, bias: Vector, force: Array, out: Array, at: int, rows: 
     return 0 if sound else FREE_BASE
 
 
-def edge_force(tree: Tree, rows: Array) -> float:
-    """Return the force [N] to the left that the reduced knife edge of a ski, of a SKI alone, took at the last `accelerate`."""
-    n = tree.shape[LINKS]
-    _, left = heading(tree, rows)
-    point, yaw, mass = row_vector(rows, n, c.POINT), rows[n, c.YAW], tree.base[BASE_MASS]
-    felt = add(times(row_sym3(rows, n, c.SUM), point), row_vector(rows, n, c.FORCE))
-    felt = add_scaled(add_scaled(felt, yaw, row_vector(rows, n, c.TURN_SUM)), mass, point)
-    return float(dot(left, felt) + mass * tree.base[COM_OFFSET] * yaw)
-
-
 @kernel(inline=True)
 def drive_base(tree: Tree, y: Array, dy: Array, rows: Array) -> None:
     """Write the rates of the base's positions."""

@@ -42,9 +42,9 @@ def looked_for(events: tuple[Event, ...]) -> Looked:
 
 
 def refuse_start(engine: Engine, t: float, y: Array) -> None:
-    """Raise SceneError for a start with a point under the snow."""
+    """Raise SceneError for a start with a point under the snow, where falls are looked for."""
     watched = [(k, event) for k, event in enumerate(engine.events) if event.kind == FALL]
-    heights = engine.indicators(t, y)[0] if watched else ()
+    heights = engine.indicators(t, y)[0]
     for k, event in watched:
         if heights[k] < -UNDER:
             raise SceneError(

@@ -234,8 +234,7 @@ class ForceWriter:
 
 def known_rows(rows: Sequence[Array], count: int, width: int) -> Array:
     """Return the first rows of a record as (count, width), nan where it has not so many."""
-    found = np.empty((count, width))
-    found.fill(np.nan)
+    found = np.full((count, width), np.nan)
     for i, row in enumerate(rows[:count]):
         found[i] = row
     return found
